@@ -1,0 +1,223 @@
+"""Reading and writing small text files: atomic writes, checked TOML, hashes."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import tempfile
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from robolamp.errors import FileError
+
+
+def write_atomic(path: Path, data: str | bytes) -> None:
+    """Write a file so that a reader sees the old content or the new, never half of either.
+
+    Args:
+        path: Where to; missing parent folders are made.
+        data: Text (written as UTF-8) or bytes.
+
+    Raises:
+        FileError: The folder or the file cannot be written.
+    """
+    raw = data.encode() if isinstance(data, str) else data
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    except OSError as error:
+        raise FileError(f"cannot be written: {error.strerror or error}", str(path)) from None
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(raw)
+            stream.flush()
+            os.fsync(stream.fileno())
+        umask = os.umask(0)
+        os.umask(umask)
+        Path(temporary).chmod(0o666 & ~umask)
+        Path(temporary).replace(path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            Path(temporary).unlink()
+        raise FileError(f"cannot be written: {error.strerror or error}", str(path)) from None
+
+
+def read_text(path: Path) -> str:
+    """Return a UTF-8 file's text.
+
+    Raises:
+        FileError: The file is missing, unreadable or not UTF-8.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise FileError(f"not UTF-8 text (byte {error.start})", str(path)) from None
+    except OSError as error:
+        raise FileError(f"cannot be read: {error.strerror or error}", str(path)) from None
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return a TOML file as a dictionary.
+
+    Raises:
+        FileError: The file cannot be read, or is not TOML (with line and column).
+    """
+    try:
+        return tomllib.loads(read_text(path))
+    except tomllib.TOMLDecodeError as error:
+        raise FileError(f"not valid TOML: {error}", str(path)) from None
+
+
+def sha256(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes, in hexadecimal.
+
+    Raises:
+        FileError: The file cannot be read.
+    """
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise FileError(f"cannot be read: {error.strerror or error}", str(path)) from None
+
+
+class Table:
+    """A TOML table read key by key, each with its type and range; unknown keys are refused.
+
+    Args:
+        data: The table's content.
+        where: The file it came from, for messages.
+        name: The table's dotted name inside the file; empty for the root.
+    """
+
+    def __init__(self, data: Mapping[str, Any], where: str, name: str = "") -> None:
+        self._data = data
+        self._where = where
+        self._name = name
+        self._read: set[str] = set()
+
+    def _path(self, key: str) -> str:
+        return f"{self._name}.{key}" if self._name else key
+
+    def fail(self, key: str, message: str) -> FileError:
+        """Return (not raise) an error that names this table's key and file."""
+        return FileError(f"{self._path(key)}: {message}", self._where)
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._data
+
+    def names(self) -> list[str]:
+        """The keys present, in file order."""
+        return list(self._data)
+
+    def raw(self) -> dict[str, Any]:
+        """Return the whole table unchecked: free-form content such as provenance."""
+        self._read.update(self._data)
+        return dict(self._data)
+
+    def _get(self, key: str, expected: str, default: Any) -> Any:
+        self._read.add(key)
+        if key in self._data:
+            return self._data[key]
+        if default is ...:
+            raise self.fail(key, f"missing; expected {expected}")
+        return default
+
+    def number(self, key: str, low: float, high: float, unit: str = "", default: Any = ...) -> float:
+        """Return a finite number in [low, high].
+
+        Raises:
+            FileError: The key is missing without a default, not a number, or out of range.
+        """
+        expected = f"a number from {low:g} to {high:g}{' ' + unit if unit else ''}"
+        value = self._get(key, expected, default)
+        if value is default and default is not ...:
+            return value
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+            raise self.fail(key, f"{value!r} is not {expected}")
+        return float(value)
+
+    def integer(self, key: str, low: int, high: int, default: Any = ...) -> int:
+        """Return an integer in [low, high].
+
+        Raises:
+            FileError: The key is missing without a default, not an integer, or out of range.
+        """
+        expected = f"a whole number from {low} to {high}"
+        value = self._get(key, expected, default)
+        if value is default and default is not ...:
+            return value
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            raise self.fail(key, f"{value!r} is not {expected}")
+        return value
+
+    def text(self, key: str, choices: Iterable[str] | None = None, default: Any = ...) -> str:
+        """Return a string, one of choices where given.
+
+        Raises:
+            FileError: The key is missing without a default, not a string, or not a legal choice.
+        """
+        legal = None if choices is None else list(choices)
+        expected = "a text" if legal is None else "one of " + ", ".join(legal)
+        value = self._get(key, expected, default)
+        if value is default and default is not ...:
+            return value
+        if not isinstance(value, str) or (legal is not None and value not in legal):
+            raise self.fail(key, f"{value!r} is not {expected}")
+        return value
+
+    def flag(self, key: str, default: Any = ...) -> bool:
+        """Return true or false.
+
+        Raises:
+            FileError: The key is missing without a default, or neither true nor false.
+        """
+        value = self._get(key, "true or false", default)
+        if not isinstance(value, bool):
+            raise self.fail(key, f"{value!r} is not true or false")
+        return value
+
+    def array(self, key: str, default: Any = ...) -> list[Any]:
+        """Return an array.
+
+        Raises:
+            FileError: The key is missing without a default, or not an array.
+        """
+        value = self._get(key, "an array", default)
+        if not isinstance(value, list):
+            raise self.fail(key, f"{value!r} is not an array")
+        return value
+
+    def table(self, key: str, default: Any = ...) -> Table:
+        """Return a sub-table.
+
+        Raises:
+            FileError: The key is missing without a default, or not a table.
+        """
+        value = self._get(key, "a table", default)
+        if not isinstance(value, Mapping):
+            raise self.fail(key, f"{value!r} is not a table")
+        return Table(value, self._where, self._path(key))
+
+    def tables(self, key: str) -> list[Table]:
+        """Return an array of tables ([[key]]), which must not be empty.
+
+        Raises:
+            FileError: The key is missing, empty, or not an array of tables.
+        """
+        value = self._get(key, "an array of tables", ...)
+        if not isinstance(value, list) or not value or not all(isinstance(item, Mapping) for item in value):
+            raise self.fail(key, "expected one or more tables")
+        return [Table(item, self._where, f"{self._path(key)}[{index}]") for index, item in enumerate(value)]
+
+    def done(self) -> None:
+        """Refuse keys that nothing read.
+
+        Raises:
+            FileError: A key is unknown; the message lists the known ones.
+        """
+        for key in self._data:
+            if key not in self._read:
+                raise self.fail(key, f"unknown; expected one of {', '.join(sorted(self._read))}")
