@@ -1,0 +1,88 @@
+"""The pilot: a controller at work on one lamp. Observations in, goals out, once a tick."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robolamp.controller.envelope import Envelope
+from robolamp.controller.file import Controller, check_terminals
+from robolamp.controller.terminals import SignalLimits, Signals, on_board_terminals
+from robolamp.lamp import Lamp
+from robolamp.signals import Interventions, Observation
+
+
+@dataclass(frozen=True)
+class PilotStep:
+    """What the pilot made of one observation.
+
+    Attributes:
+        inputs: Terminal values, in the order of the pilot's `terminals`.
+        outputs: The controller's raw outputs, shape (n,) [rad].
+        goal: What may be sent, shape (n,) [rad].
+        hops: Hops so far, as the foot sensor tells them.
+        contact: Whether the foot is on the ground.
+        interventions: Running totals of the envelope.
+    """
+
+    inputs: NDArray[np.float64]
+    outputs: NDArray[np.float64]
+    goal: NDArray[np.float64]
+    hops: int
+    contact: bool
+    interventions: Interventions
+
+
+class Pilot:
+    """Evaluates a controller on board; everything is compiled when it is made, before anything moves.
+
+    Args:
+        controller: The controller.
+        lamp: The lamp.
+        goal: Commanded distance [m].
+
+    Raises:
+        ExpressionError: The controller needs a signal that the lamp has not.
+    """
+
+    def __init__(self, controller: Controller, lamp: Lamp, goal: float) -> None:
+        n = len(lamp.joints)
+        self.terminals = on_board_terminals(n)
+        check_terminals(controller, self.terminals, controller.name)
+        self._program = controller.compile(self.terminals)
+        self._limits = SignalLimits(controller.control_period, lamp.contact_on, lamp.contact_off)
+        self._lamp = lamp
+        self._n = n
+        self._goal = np.array([goal])
+        self.control_period = controller.control_period
+        self.reset(np.zeros(n))
+
+    def reset(self, goal: NDArray[np.float64]) -> None:
+        """Begin a run.
+
+        Args:
+            goal: What the joints are holding, shape (n,) [rad].
+        """
+        self._signals = Signals(1, self._n, self._limits, self.terminals)
+        self._envelope = Envelope(self._lamp.lower, self._lamp.upper, self._lamp.slew, self._limits.period, goal[None])
+
+    def step(self, observation: Observation) -> PilotStep:
+        """Return the goals for one tick.
+
+        Args:
+            observation: What was measured; missing values (NaN) keep their last.
+        """
+        inputs = self._signals.update(observation.angle[None], np.array([observation.foot_force]), self._goal)[0]
+        outputs = np.array(self._program.run(inputs.tolist()))
+        goal = self._envelope.apply(outputs[None])[0]
+        envelope = self._envelope
+        return PilotStep(
+            inputs=inputs.copy(),
+            outputs=outputs,
+            goal=goal.copy(),
+            hops=int(self._signals.hops[0]),
+            contact=bool(self._signals.contact[0]),
+            interventions=Interventions(int(envelope.not_finite[0]), int(envelope.limited[0]), int(envelope.slewed[0])),
+        )

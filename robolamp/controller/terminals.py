@@ -1,0 +1,144 @@
+"""Terminals: the signals that controllers read, derived from what was measured by ONE piece of code.
+
+`Signals` runs over many lanes in the twin and over one lane on the lamp, so a controller meets the same numbers in both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+AIR_TIME_OF_A_HOP = 0.04
+"""Time without contact, after which a new contact counts as a hop [s]: shorter gaps are rattling."""
+
+
+def on_board_terminals(joints: int) -> tuple[str, ...]:
+    """Terminals that the servos and one foot sensor can supply.
+
+    t [s]; a0.. joint angles [rad], from the foot up; w0.. joint velocities [rad/s]; s0 floor force on the foot [N];
+    contact 1 or 0; air_time and ground_time since the last change of contact [s]; hops so far; goal_dist as commanded [m].
+
+    Args:
+        joints: Number of joints.
+    """
+    angles = [f"a{joint}" for joint in range(joints)]
+    speeds = [f"w{joint}" for joint in range(joints)]
+    return ("t", *angles, *speeds, "s0", "contact", "air_time", "ground_time", "hops", "goal_dist")
+
+
+TWIN_ONLY = ("px", "py", "pz", "vx", "vy", "vz", "goal_met")
+"""Terminals of Gritz & Hahn 1997 that nothing on the lamp measures: foot relative to the goal [m], its velocity [m/s]
+(x forward, z up), and 1 once the foot has come within 1.5 cm of the goal."""
+
+
+def all_terminals(joints: int) -> tuple[str, ...]:
+    """Every terminal that a controller of a figure with that many joints may name."""
+    return on_board_terminals(joints) + TWIN_ONLY
+
+
+@dataclass(frozen=True)
+class SignalLimits:
+    """What the derived signals need to know of the lamp.
+
+    Attributes:
+        period: Control period [s].
+        contact_on: Foot force above which the foot is on the ground [N].
+        contact_off: Foot force below which it no longer is [N].
+    """
+
+    period: float
+    contact_on: float
+    contact_off: float
+
+
+class Signals:
+    """Turns measurements into terminal values, lane by lane.
+
+    A missing measurement (NaN) keeps its last value. Velocities are differences of the angles over a control period,
+    because both sides can form them alike.
+
+    Args:
+        lanes: Number of lanes.
+        joints: Number of joints.
+        limits: Thresholds and period.
+        terminals: Which terminals to give, in which order.
+    """
+
+    def __init__(self, lanes: int, joints: int, limits: SignalLimits, terminals: Sequence[str]) -> None:
+        self._limits = limits
+        self.terminals = tuple(terminals)
+        self._column = {name: index for index, name in enumerate(self.terminals)}
+        self.values = np.zeros((lanes, len(self.terminals)))
+        self._angle = np.zeros((lanes, joints))
+        self._velocity = np.zeros((lanes, joints))
+        self._force = np.zeros(lanes)
+        self.contact = np.ones(lanes, bool)
+        self._air = np.zeros(lanes)
+        self._ground = np.zeros(lanes)
+        self.hops = np.zeros(lanes)
+        self._ticks = 0
+
+    def update(
+        self,
+        angle: NDArray[np.float64],
+        force: NDArray[np.float64],
+        goal: NDArray[np.float64],
+        base: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.float64]:
+        """Take one tick's measurements and return the terminals' values.
+
+        Args:
+            angle: Joint angles, shape (lanes, joints) [rad].
+            force: Foot force, shape (lanes,) [N].
+            goal: Commanded distances, shape (lanes,) [m].
+            base: For the twin alone: px py pz vx vy vz goal_met, shape (lanes, 7); None on the lamp.
+
+        Returns:
+            Terminal values, shape (lanes, terminals); overwritten by the next call.
+        """
+        period = self._limits.period
+        angle = np.where(np.isnan(angle), self._angle, angle)
+        if self._ticks:
+            self._velocity = (angle - self._angle) / period
+        self._angle = angle
+        self._force = np.where(np.isnan(force), self._force, force)
+        before = self.contact
+        self.contact = self._force > np.where(before, self._limits.contact_off, self._limits.contact_on)
+        if self._ticks:
+            landed = self.contact & ~before
+            self.hops = self.hops + (landed & (self._air >= AIR_TIME_OF_A_HOP - period / 4))
+            same = self.contact == before
+            self._air = np.where(self.contact, 0.0, np.where(same, self._air + period, period))
+            self._ground = np.where(self.contact, np.where(same, self._ground + period, period), 0.0)
+        self._set("t", self._ticks * period)
+        for joint in range(angle.shape[1]):
+            self._set(f"a{joint}", angle[:, joint])
+            self._set(f"w{joint}", self._velocity[:, joint])
+        self._set("s0", self._force)
+        self._set("contact", self.contact)
+        self._set("air_time", self._air)
+        self._set("ground_time", self._ground)
+        self._set("hops", self.hops)
+        self._set("goal_dist", goal)
+        if base is not None:
+            for index, name in enumerate(TWIN_ONLY):
+                self._set(name, base[:, index])
+        self._ticks += 1
+        return self.values
+
+    def _set(self, name: str, value: NDArray[np.float64] | NDArray[np.bool_] | float) -> None:
+        column = self._column.get(name)
+        if column is not None:
+            self.values[:, column] = value
+
+    def select(self, keep: NDArray[np.int64]) -> None:
+        """Keep only these lanes, in this order.
+
+        Args:
+            keep: Lane indices.
+        """
+        for name in ("values", "_angle", "_velocity", "_force", "contact", "_air", "_ground", "hops"):
+            setattr(self, name, getattr(self, name)[keep])
