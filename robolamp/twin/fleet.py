@@ -1,0 +1,204 @@
+"""The fleet: many lamps at once, each lane with its own program, goal and (if wanted) its own bent lamp.
+
+A worker thread for each core owns a `mujoco.batch.Batch` over its share of the lanes, so that no barrier is met inside a
+tick. Lanes do not touch each other: results are the same to the bit for any number of workers.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, fields
+
+import mujoco
+import numpy as np
+from mujoco.batch import MODEL_FIELDS, Batch
+from numpy.typing import NDArray
+
+from robolamp.controller.envelope import Envelope
+from robolamp.controller.program import Program, ProgramSet
+from robolamp.controller.terminals import TWIN_ONLY, SignalLimits, Signals
+from robolamp.twin.body import Body
+from robolamp.twin.judge import Judge, Outcome
+from robolamp.twin.model import TwinModel
+from robolamp.twin.sensors import measure_angle, measure_force
+from robolamp.twin.servo import friction_loss
+
+SETTLE_TIME = 1.0
+"""How long a lamp stands in the neutral pose before a run [s]: the twin's share of the soft start."""
+
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+@dataclass(frozen=True)
+class Job:
+    """A lane: which program on which lamp to which goal.
+
+    Attributes:
+        program: Index of the program.
+        variant: Index of the lamp.
+        goal: Commanded distance [m].
+    """
+
+    program: int
+    variant: int
+    goal: float
+
+
+def settle(twin: TwinModel) -> NDArray[np.float64]:
+    """Return the state of a lamp that has stood in the neutral pose for `SETTLE_TIME`.
+
+    Args:
+        twin: The lamp.
+
+    Returns:
+        MuJoCo's integration state, shape (nstate,), with the clock at 0.
+    """
+    body = Body(twin)
+    body.step(round(SETTLE_TIME / twin.timestep))
+    body.data.time = 0.0
+    state = np.empty(mujoco.mj_stateSize(body.model, _STATE))
+    mujoco.mj_getState(body.model, body.data, state, _STATE)
+    return state
+
+
+def _differing(models: Sequence[mujoco.MjModel]) -> list[str]:
+    first = models[0]
+    names = []
+    for name in sorted(MODEL_FIELDS):
+        if name.startswith("opt.") or name == "dof_frictionloss":
+            continue
+        values = [getattr(model, name) for model in models]
+        if any(not np.array_equal(getattr(first, name), value) for value in values[1:]):
+            names.append(name)
+    return names
+
+
+class _Shard:
+    """The lanes of one worker."""
+
+    def __init__(
+        self,
+        twins: Sequence[TwinModel],
+        states: Sequence[NDArray[np.float64]],
+        variant: NDArray[np.int64],
+        period: float,
+    ) -> None:
+        twin = twins[0]
+        self.twin = twin
+        self.variant = variant
+        self.substeps = round(period / twin.timestep)
+        self.period = period
+        self.batch = Batch(twin.model, len(variant), 1)
+        for name in _differing([twins[index].model for index in np.unique(variant)]):
+            self.batch.expand(name)[:] = np.stack([getattr(twins[index].model, name) for index in variant])
+        self.batch.state[:] = np.stack([states[index] for index in variant])
+        self.loss = self.batch.expand("dof_frictionloss")
+        self.friction = np.stack([twins[index].servos.friction() for index in variant])
+        self.arrival_step = np.array([round(twins[index].line_delay / twin.timestep) for index in variant])
+        self.foot_gain = np.array([twins[index].foot_gain for index in variant])
+        bind = self.batch.bind
+        self.qpos, self.qvel, self.ctrl = bind("qpos"), bind("qvel"), bind("ctrl")
+        self.motor, self.bias, self.sensors = bind("qfrc_actuator"), bind("qfrc_bias"), bind("sensordata")
+        self.site, self.site_axes = bind("site_xpos"), bind("site_xmat").reshape(len(variant), -1, 9)
+        self.steps = 0
+
+    def run(
+        self, programs: ProgramSet, program: NDArray[np.int64], goal: NDArray[np.float64], duration: float
+    ) -> Outcome:
+        """Run every lane for a duration [s]."""
+        twin, lamp, lanes = self.twin, self.twin.lamp, len(self.variant)
+        joints = len(lamp.joints)
+        judge = Judge(twin, goal, duration)
+        judge.begin(self.qpos[:, 0])
+        limits = SignalLimits(self.period, lamp.contact_on, lamp.contact_off)
+        signals = Signals(lanes, joints, limits, programs.terminals)
+        sees_base = bool(set(programs.terminals) & set(TWIN_ONLY))
+        envelope = Envelope(lamp.lower, lamp.upper, lamp.slew, self.period, np.zeros((lanes, joints)))
+        wanted = np.zeros((lanes, joints))
+        unstable = np.zeros(lanes, bool)
+        warned = self.batch.warning[:, :, 1].copy()
+        # The first reading: sensors describe a state only after a step, and the settled lamp stands on its foot.
+        self.batch.forward()
+        alive = np.arange(lanes)
+        old = np.zeros((lanes, joints))
+        head, axis = self.site[:, twin.head_site, 2], self.site_axes[:, twin.head_site, 8]
+        force = self.sensors[:, twin.foot_sensor]
+        for _ in range(round(duration / self.period)):
+            base = None
+            if sees_base:
+                base = np.column_stack([self.qpos[:, :3], self.qvel[:, :3], judge.goal_met])
+                base[:, 0] -= goal
+            inputs = signals.update(
+                measure_angle(self.qpos[:, twin.qpos]), measure_force(force, self.foot_gain), goal, base
+            )
+            goals = envelope.apply(programs.run(program, inputs, wanted))
+            for substep in range(self.substeps):
+                if substep <= self.arrival_step.max():
+                    self.ctrl[:] = np.where((substep >= self.arrival_step)[:, None], goals, old)
+                friction_loss(self.friction, twin.dof, self.motor, self.bias, self.qvel, self.loss)
+                self.batch.step(alive, 1)
+                self.steps += len(alive)
+                judge.step(alive, self.qpos, force, head, axis)
+            old = goals
+            # A diverged lane is silently reset to the standing start; only its warning counters tell.
+            unstable |= (self.batch.warning[:, :, 1] > warned).any(axis=1)
+            lost = unstable & np.isnan(judge.fall_time)
+            judge.fall_time[lost] = signals.values[lost, 0] if "t" in signals.terminals else 0.0
+            alive = np.flatnonzero(np.isnan(judge.fall_time))
+            if not len(alive):
+                break
+        interventions = envelope.not_finite + envelope.limited + envelope.slewed
+        return judge.outcome(self.qpos[:, twin.qpos].copy(), unstable, interventions)
+
+
+class Fleet:
+    """Many lamps that can be run again and again.
+
+    Args:
+        twins: The lamps (variants of one model); their MuJoCo models differ in numbers only.
+        period: Control period [s], a whole number of physics steps.
+        workers: Threads; None: one for each core.
+    """
+
+    def __init__(self, twins: Sequence[TwinModel], period: float, workers: int | None = None) -> None:
+        self.twins = list(twins)
+        self.period = period
+        self.workers = workers or len(os.sched_getaffinity(0))
+        self.steps = 0
+        self._states = [settle(twin) for twin in self.twins]
+
+    def run(self, programs: Sequence[Program], jobs: Sequence[Job], duration: float) -> Outcome:
+        """Run every job to its end and judge it.
+
+        Args:
+            programs: The controllers.
+            jobs: The lanes.
+            duration: Length of each run [s].
+
+        Returns:
+            The outcomes, in the order of the jobs.
+        """
+        if not jobs:
+            raise ValueError("no jobs to run")
+        compiled = ProgramSet(programs)
+        program = np.array([job.program for job in jobs], np.int64)
+        variant = np.array([job.variant for job in jobs], np.int64)
+        goal = np.array([job.goal for job in jobs], np.float64)
+        shares = [share for share in np.array_split(np.arange(len(jobs)), self.workers) if len(share)]
+
+        def work(share: NDArray[np.int64]) -> tuple[Outcome, int]:
+            shard = _Shard(self.twins, self._states, variant[share], self.period)
+            return shard.run(compiled, program[share], goal[share], duration), shard.steps
+
+        if len(shares) == 1:
+            results = [work(shares[0])]
+        else:
+            with ThreadPoolExecutor(len(shares)) as pool:
+                results = list(pool.map(work, shares))
+        self.steps += sum(steps for _, steps in results)
+        outcomes = [outcome for outcome, _ in results]
+        return Outcome(
+            **{field.name: np.concatenate([getattr(o, field.name) for o in outcomes]) for field in fields(Outcome)}
+        )

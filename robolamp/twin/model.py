@@ -1,0 +1,161 @@
+"""The lamp's MuJoCo model: sim/ and a calibration, compiled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from robolamp.assets import Assets
+from robolamp.calibration import Calibration
+from robolamp.errors import FileError
+from robolamp.lamp import Lamp
+from robolamp.twin.servo import ServoParameters, set_motor
+
+
+@dataclass(frozen=True)
+class Bend:
+    """How one lamp differs from the calibrated one; the default is not at all.
+
+    Arrays have shape (n,) over the joints, or are scalars for all of them.
+
+    Attributes:
+        strength: Torque constant, times this.
+        friction: Viscous, Coulomb, Stribeck and load-dependent friction, times this.
+        mass: All masses and inertias, times this.
+        floor: Sliding friction of the floor, times this.
+        delay: Added to the servos' delay [s].
+        supply: Added to the supply voltage [V].
+    """
+
+    strength: NDArray[np.float64] | float = 1.0
+    friction: NDArray[np.float64] | float = 1.0
+    mass: float = 1.0
+    floor: float = 1.0
+    delay: float = 0.0
+    supply: float = 0.0
+
+
+@dataclass(frozen=True)
+class TwinModel:
+    """A compiled lamp and where its parts are.
+
+    Attributes:
+        lamp: The lamp's description.
+        model: The MuJoCo model.
+        servos: The servos' parameters as compiled (bent, if it is).
+        voltage: Supply voltage as compiled [V].
+        line_delay: Time from the start of a tick to the goal's arrival at the servo [s].
+        foot_gain: Foot sensor reading per true force.
+        qpos: Position address of each joint, shape (n,).
+        dof: Degree of freedom of each joint, shape (n,).
+        actuator: Actuator of each joint, shape (n,).
+        foot_sensor: Address of the foot's touch sensor in `sensordata`.
+        foot_radius: Radius of the round foot [m].
+        head_site: Site in the middle of the head.
+        head_size: Radius and half length of the head's collision cylinder [m].
+    """
+
+    lamp: Lamp
+    model: mujoco.MjModel
+    servos: ServoParameters
+    voltage: float
+    line_delay: float
+    foot_gain: float
+    qpos: NDArray[np.int64]
+    dof: NDArray[np.int64]
+    actuator: NDArray[np.int64]
+    foot_sensor: int
+    foot_radius: float
+    head_site: int
+    head_size: tuple[float, float]
+
+    @property
+    def timestep(self) -> float:
+        """Physics step [s]."""
+        return float(self.model.opt.timestep)
+
+
+def _bent(servos: ServoParameters, bend: Bend) -> ServoParameters:
+    names = ("viscous", "coulomb", "stribeck", "load_motor", "load_external", "load_external_stribeck")
+    return replace(
+        servos,
+        torque_constant=servos.torque_constant * bend.strength,
+        delay=np.maximum(servos.delay + bend.delay, 0.0),
+        **{name: getattr(servos, name) * bend.friction for name in names},
+    )
+
+
+def build(
+    lamp: Lamp,
+    calibration: Calibration,
+    assets: Assets,
+    bend: Bend | None = None,
+    *,
+    torque: bool = True,
+    timestep: float | None = None,
+) -> TwinModel:
+    """Compile the lamp's model with a calibration's numbers.
+
+    Args:
+        lamp: The lamp's description; names the model file.
+        calibration: The numbers.
+        assets: Where the model file is.
+        bend: How this lamp differs from the calibrated one.
+        torque: False: as with the servos' torque off.
+        timestep: Physics step [s]; None: the model's own.
+
+    Raises:
+        FileError: The model does not load, or lacks a joint, actuator, sensor or site that the lamp needs.
+    """
+    bend = bend or Bend()
+    path = assets.path(lamp.model)
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise FileError(f"not a MuJoCo model: {' '.join(str(error).split())}", str(path)) from None
+    if timestep is not None:
+        spec.option.timestep = timestep
+    servos = _bent(ServoParameters.of(lamp, calibration), bend)
+    voltage = calibration.lamp("supply_voltage") + bend.supply
+    for index, joint in enumerate(lamp.joints):
+        actuator = spec.actuator(joint.name)
+        if actuator is None or spec.joint(joint.name) is None:
+            raise FileError(f"no joint and actuator named {joint.name!r}, which {lamp.path} has", str(path))
+        set_motor(actuator, servos, index, joint.position_p_gain, voltage, torque=torque)
+    for kind, found, name in (
+        ("sensor", spec.sensor("foot_force"), "foot_force"),
+        ("site", spec.site("base"), "base"),
+        ("site", spec.site("head"), "head"),
+        ("geom", spec.geom("foot"), "foot"),
+        ("geom", spec.geom("head"), "head"),
+        ("geom", spec.geom("floor"), "floor"),
+    ):
+        if found is None:
+            raise FileError(f"no {kind} named {name!r}, which a lamp's model needs", str(path))
+    friction = calibration.lamp("floor_friction") * bend.floor
+    for geom in spec.geoms:
+        if geom.name in ("floor", "foot"):
+            geom.friction[0] = friction
+    model = spec.compile()
+    scale = calibration.lamp("mass_scale") * bend.mass
+    model.body_mass[:] *= scale
+    model.body_inertia[:] *= scale
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    return TwinModel(
+        lamp=lamp,
+        model=model,
+        servos=servos,
+        voltage=voltage,
+        line_delay=calibration.lamp("line_delay"),
+        foot_gain=calibration.lamp("foot_gain"),
+        qpos=np.array([model.joint(name).qposadr[0] for name in lamp.names]),
+        dof=np.array([model.joint(name).dofadr[0] for name in lamp.names]),
+        actuator=np.array([model.actuator(name).id for name in lamp.names]),
+        foot_sensor=int(model.sensor("foot_force").adr[0]),
+        foot_radius=float(model.geom("foot").size[0]),
+        head_site=int(model.site("head").id),
+        head_size=(float(model.geom("head").size[0]), float(model.geom("head").size[1])),
+    )

@@ -1,0 +1,207 @@
+"""Pictures of the lamp: by OpenGL where there is any (headless too), else as a side view of the links."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from robolamp.twin.model import TwinModel
+
+Picture = NDArray[np.uint8]
+"""An RGB picture, shape (height, width, 3)."""
+
+_INK, _PAPER, _DESK = (40, 42, 46), (244, 245, 247), (214, 204, 190)
+_SUPERSAMPLE = 3  # the side view is drawn larger and shrunk, which smooths its edges
+
+
+class RenderUnavailableError(Exception):
+    """There is no OpenGL here."""
+
+
+def qpos_of(twin: TwinModel, base: Sequence[float], angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return MuJoCo positions of a lamp from what is known of it.
+
+    Args:
+        twin: The lamp.
+        base: Base centre's x and z [m] and pitch [rad].
+        angle: Joint angles, shape (n,) [rad].
+
+    Returns:
+        Shape (nq,).
+    """
+    x, z, pitch = base
+    qpos = np.zeros(twin.model.nq)
+    qpos[:7] = [x, 0.0, z, np.cos(pitch / 2), 0.0, np.sin(pitch / 2), 0.0]
+    qpos[twin.qpos] = angle
+    return qpos
+
+
+def _gl_context(width: int, height: int):
+    try:
+        if sys.platform == "linux" and not os.environ.get("MUJOCO_GL"):
+            from mujoco.egl import GLContext  # noqa: PLC0415 (needs no display)
+        else:
+            from mujoco.rendering.classic.gl_context import GLContext  # noqa: PLC0415
+        return GLContext(width, height)
+    except Exception as error:  # each platform's libraries fail in their own way
+        raise RenderUnavailableError(str(error)) from None
+
+
+class Camera:
+    """Renders one model off screen.
+
+    Args:
+        twin: The lamp.
+        width: Of the picture [px].
+        height: Of the picture [px].
+
+    Raises:
+        RenderUnavailableError: There is no OpenGL here.
+    """
+
+    def __init__(self, twin: TwinModel, width: int, height: int) -> None:
+        self._model, self._data = twin.model, mujoco.MjData(twin.model)
+        self._rect = mujoco.MjrRect(0, 0, width, height)
+        self._gl = _gl_context(width, height)
+        try:
+            self._gl.make_current()
+            self._model.vis.global_.offwidth = max(width, self._model.vis.global_.offwidth)
+            self._model.vis.global_.offheight = max(height, self._model.vis.global_.offheight)
+            self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_150)
+            mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
+        except Exception as error:
+            self._gl.free()
+            raise RenderUnavailableError(str(error)) from None
+        self._scene = mujoco.MjvScene(self._model, maxgeom=500)
+
+    def shoot(self, qpos: NDArray[np.float64], camera: str, follow: bool = True) -> Picture:
+        """Return a picture of one pose.
+
+        Args:
+            qpos: Shape (nq,).
+            camera: Name of a camera in the scene.
+            follow: Move the camera along with the base.
+        """
+        self._data.qpos[:] = qpos
+        mujoco.mj_forward(self._model, self._data)
+        view = mujoco.MjvCamera()
+        view.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        view.fixedcamid = self._model.camera(camera).id
+        if follow:
+            self._data.cam_xpos[view.fixedcamid, 0] += qpos[0]
+        options = mujoco.MjvOption()
+        mujoco.mjv_updateScene(self._model, self._data, options, None, view, mujoco.mjtCatBit.mjCAT_ALL, self._scene)
+        self._gl.make_current()
+        mujoco.mjr_render(self._rect, self._scene, self._context)
+        picture = np.empty((self._rect.height, self._rect.width, 3), np.uint8)
+        mujoco.mjr_readPixels(picture, None, self._rect, self._context)
+        return np.flipud(picture)
+
+    def close(self) -> None:
+        """Free the OpenGL context."""
+        self._context.free()
+        self._gl.free()
+
+    def __enter__(self) -> Camera:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def side_view(twin: TwinModel, qpos: NDArray[np.float64], width: int, height: int) -> Picture:
+    """Return a drawing of one pose from the side, without OpenGL.
+
+    Args:
+        twin: The lamp.
+        qpos: Shape (nq,).
+        width: Of the picture [px].
+        height: Of the picture [px].
+    """
+    model, data = twin.model, mujoco.MjData(twin.model)
+    data.qpos[:] = qpos
+    mujoco.mj_forward(model, data)
+    scale = height * _SUPERSAMPLE / 0.36  # the lamp is 0.26 m tall
+    size = (width * _SUPERSAMPLE, height * _SUPERSAMPLE)
+    floor = size[1] * 0.86
+
+    def pixel(point: NDArray[np.float64]) -> tuple[float, float]:
+        return size[0] * 0.45 + (point[0] - qpos[0]) * scale, floor - point[2] * scale
+
+    picture = Image.new("RGB", size, _PAPER)
+    draw = ImageDraw.Draw(picture)
+    draw.rectangle((0, floor, *size), fill=_DESK)
+    for mark in range(-4, 5):  # a mark each 5 cm of desk shows how far the lamp has come
+        at = (np.floor(qpos[0] / 0.05) + mark) * 0.05
+        x, y = pixel(np.array([at, 0.0, 0.0]))
+        draw.line((x, y, x, y + 0.012 * scale), fill=(150, 138, 122), width=_SUPERSAMPLE)
+    joints = [data.xanchor[model.joint(name).id] for name in twin.lamp.names]
+    draw.line([pixel(point) for point in joints], fill=_INK, width=round(0.010 * scale), joint="curve")
+    foot = model.geom("foot")
+    axes = data.geom_xmat[foot.id].reshape(3, 3)
+    rim = foot.size[0] * axes[:, 0]
+    low = data.geom_xpos[foot.id] - foot.size[1] * axes[:, 2]
+    high = low + 3 * foot.size[1] * axes[:, 2]
+    draw.polygon([pixel(p) for p in (low - rim, low + rim, high + 0.75 * rim, high - 0.75 * rim)], fill=_INK)
+    head = model.geom("head")
+    axes = data.geom_xmat[head.id].reshape(3, 3)
+    along, across = head.size[1] * axes[:, 2], head.size[0] * axes[:, 0]
+    center = data.geom_xpos[head.id]
+    shade = (
+        center - along - 0.36 * across,
+        center - along + 0.36 * across,
+        center + along + across,
+        center + along - across,
+    )
+    draw.line([pixel(joints[-1]), pixel(center - along)], fill=_INK, width=round(0.010 * scale))
+    draw.polygon([pixel(point) for point in shade], fill=(233, 220, 190), outline=_INK)
+    for point in joints:
+        x, y = pixel(point)
+        radius = 0.009 * scale
+        draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=(120, 124, 130))
+    return np.asarray(picture.resize((width, height), Image.Resampling.LANCZOS))
+
+
+def strip(
+    twin: TwinModel,
+    qpos: NDArray[np.float64],
+    labels: Sequence[str],
+    *,
+    width: int = 220,
+    height: int = 260,
+    opengl: bool = True,
+) -> Picture:
+    """Return poses side by side, the desk moving under the lamp as it travels.
+
+    Args:
+        twin: The lamp.
+        qpos: Poses, shape (k, nq).
+        labels: A text under each.
+        width: Of each picture [px].
+        height: Of each picture [px].
+        opengl: False: draw side views even where OpenGL is to be had.
+    """
+    pictures: list[Picture] = []
+    if opengl:
+        try:
+            with Camera(twin, width, height) as camera:
+                pictures = [camera.shoot(pose, "strip") for pose in qpos]
+        except RenderUnavailableError:
+            pictures = []
+    if not pictures:
+        pictures = [side_view(twin, pose, width, height) for pose in qpos]
+    gap, foot = 4, 24
+    sheet = Image.new("RGB", (len(pictures) * (width + gap) - gap, height + foot), (255, 255, 255))
+    draw = ImageDraw.Draw(sheet)
+    font = ImageFont.load_default(14)
+    for index, (picture, label) in enumerate(zip(pictures, labels, strict=True)):
+        left = index * (width + gap)
+        sheet.paste(Image.fromarray(picture), (left, 0))
+        draw.text((left + width / 2, height + foot / 2), label, fill=_INK, font=font, anchor="mm")
+    return np.asarray(sheet)
