@@ -1,0 +1,123 @@
+"""`robolamp evolve`: a controller from a task."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter, validators
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from robolamp.cli.options import Setup
+from robolamp.cli.output import print_json
+from robolamp.controller.file import check_terminals
+from robolamp.errors import FileError
+from robolamp.evolve.run import Generation
+from robolamp.evolve.run import evolve as run_evolution
+from robolamp.evolve.task import load_task
+
+_Count = Annotated[int | None, Parameter(validator=validators.Number(gte=1))]
+
+
+def evolve(
+    task: str,
+    /,
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    seed: Annotated[int, Parameter(validator=validators.Number(gte=0))] = 1,
+    population: _Count = None,
+    generations: _Count = None,
+    seed_from: str | None = None,
+    tune: Annotated[int, Parameter(validator=validators.Number(gte=0))] = 0,
+    workers: _Count = None,
+    calibration: str = "nominal",
+    lamp: Path | None = None,
+    json: bool = False,
+) -> int:
+    """Evolve a controller on the twin and write it to OUTPUT/controller.toml.
+
+    Parameters
+    ----------
+    task
+        What to evolve: a file, or the name of a shipped task (hop).
+    output
+        Folder of the run; must not hold one already.
+    seed
+        Where all randomness comes from: the same seed gives the same run.
+    population
+        Individuals a generation, instead of the task's.
+    generations
+        Generations, instead of the task's.
+    seed_from
+        A controller (file or name) to put into the first generation.
+    tune
+        Iterations of CMA-ES on the constants of the best controller, at the end.
+    workers
+        Threads; without it, one a core.
+    calibration
+        The twin's numbers: a file, or a name in calibration/.
+    lamp
+        A folder of your own lamp (`robolamp new`).
+    json
+        Print one JSON object instead of progress and prose.
+    """
+    setup = Setup.of(lamp, calibration)
+    loaded = load_task(setup.assets, task)
+    gp = replace(
+        loaded.gp,
+        population=population or loaded.gp.population,
+        generations=generations or loaded.gp.generations,
+    )
+    loaded = replace(loaded, gp=gp)
+    seeds = []
+    if seed_from is not None:
+        seeds = [setup.controller(seed_from)]
+        check_terminals(seeds[0], loaded.terminals(len(setup.lamp.joints)), f"--seed-from {seed_from}")
+    if output.exists() and not output.is_dir():
+        raise FileError("is not a folder", f"--output {output}")
+    console = Console(stderr=True, quiet=json)
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+        TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[best]}"),
+    )  # fmt: skip
+    with Progress(*columns, console=console) as bar:
+        row = bar.add_task("generation", total=gp.generations + tune, best="")
+
+        def show(entry: Generation) -> None:
+            kind = "generation" if entry.generation >= 0 else "tuning"
+            best = f"best {entry.best_fitness:.3f}"
+            if entry.generation >= 0:
+                best += f", {entry.hits}/{entry.cases} hits, {entry.falls} falls, {entry.hops:.1f} hops"
+            bar.update(row, advance=1, description=kind, best=best)
+
+        result = run_evolution(
+            loaded, setup.lamp, setup.calibration, setup.assets, output,
+            seed=seed, workers=workers, seeds=seeds, tuning=tune,
+            command=shlex.join(["robolamp", *sys.argv[1:]]), progress=show,
+        )  # fmt: skip
+    last = result.generations[-1]
+    if json:
+        print_json(
+            {
+                "controller": result.controller,
+                "best_fitness": result.best_fitness,
+                "individuals": last.individuals,
+                "physics_steps": last.physics_steps,
+                "physics_s": last.physics_s,
+                "wall_s": last.wall_s,
+                "generations": gp.generations,
+            }
+        )
+        return 0
+    Console().print(
+        f"Best fitness {result.best_fitness:.3f} after {last.individuals} individuals in {last.wall_s:.0f} s"
+        f" ({last.physics_s / max(last.wall_s, 1e-9):.0%} of it physics).\n"
+        f"Controller: {result.controller}\n"
+        f"Next: robolamp score {result.controller}, or robolamp dry-run {result.controller} --goal 0.30",
+        highlight=False, soft_wrap=True,
+    )  # fmt: skip
+    return 0

@@ -1,0 +1,96 @@
+"""What several verbs take: distances with a unit, ranges of goals, files by path or name."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robolamp.assets import Assets
+from robolamp.calibration import Calibration, load_calibration
+from robolamp.controller.file import Controller, load_controller
+from robolamp.errors import RobolampError
+from robolamp.lamp import Lamp, load_lamp
+
+_LENGTH = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(mm|cm|m)?")
+_UNITS = {"mm": 0.001, "cm": 0.01, "m": 1.0, None: 1.0}
+MAX_GOAL = 5.0
+"""Furthest goal that a lamp on a desk may be sent to [m]."""
+
+
+def length(text: str, option: str, low: float = 0.0, high: float = MAX_GOAL) -> float:
+    """Return a length in metres: "0.30", "30cm", "300 mm".
+
+    Args:
+        text: What was typed.
+        option: Where, for the message.
+        low: Smallest allowed [m]; must be exceeded.
+        high: Largest allowed [m].
+
+    Raises:
+        RobolampError: It is no length, or out of range.
+    """
+    match = _LENGTH.fullmatch(text.strip())
+    value = float(match[1]) * _UNITS[match[2]] if match else float("nan")
+    if not low < value <= high:
+        raise RobolampError(f"{text!r} is not a length above {low:g} m and up to {high:g} m, as 0.30 or 30cm", option)
+    return value
+
+
+def goal_range(text: str, option: str) -> NDArray[np.float64]:
+    """Return goals from "LOW:HIGH:COUNT" (metres), or from one length.
+
+    Args:
+        text: What was typed.
+        option: Where, for the message.
+
+    Raises:
+        RobolampError: It is neither.
+    """
+    parts = text.split(":")
+    if len(parts) == 1:
+        return np.array([length(text, option)])
+    if len(parts) != 3 or not parts[2].isdigit() or not 1 <= int(parts[2]) <= 100_000:
+        raise RobolampError(f"{text!r} is not LOW:HIGH:COUNT, as 0.05:0.60:56", option)
+    low, high = length(parts[0], option), length(parts[1], option)
+    if low > high:
+        raise RobolampError(f"{text!r}: {low:g} m is above {high:g} m", option)
+    return np.linspace(low, high, int(parts[2]))
+
+
+@dataclass(frozen=True)
+class Setup:
+    """The lamp at hand.
+
+    Attributes:
+        assets: Where data files are.
+        lamp: Its description.
+        calibration: Its calibration.
+    """
+
+    assets: Assets
+    lamp: Lamp
+    calibration: Calibration
+
+    @classmethod
+    def of(cls, folder: Path | None, calibration: str) -> Setup:
+        """Return the setup for `--lamp FOLDER --calibration NAME`.
+
+        Raises:
+            FileError: A file is missing or malformed.
+        """
+        assets = Assets.of(folder)
+        return cls(assets, load_lamp(assets), load_calibration(assets, calibration))
+
+    def controller(self, name: str, *, on_board: bool = False) -> Controller:
+        """Return a controller by path or shipped name.
+
+        Raises:
+            FileError: It is missing or malformed.
+            ExpressionError: It does not parse, or needs what the lamp has not.
+        """
+        path = self.assets.named(name, "sim/lamp/controllers", "controller")
+        return load_controller(path, self.lamp, on_board=on_board)

@@ -1,0 +1,1 @@
+"""Evolving controllers: tasks, cases, fitness, genetic programming, constant tuning."""

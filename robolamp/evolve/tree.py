@@ -1,0 +1,136 @@
+"""Trees as genomes: birth and the operators of genetic programming (Koza 1992, chapter 6).
+
+A genome is a tuple of expressions, one a joint: the branches of one tree whose root is `list` (Gritz & Hahn 1997,
+Figure 2), so crossover may carry a subtree from one joint to another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robolamp.controller.expression import Expression, Token, depth, subtree_end
+from robolamp.controller.primitives import PRIMITIVES
+from robolamp.evolve.task import Task
+
+Genome = tuple[Expression, ...]
+"""One expression a joint."""
+
+_INNER_SHARE = 0.9  # of crossover points are functions, where there are any (Koza 1992, section 6.4.1)
+_CONSTANT_SHARE = 0.25  # of leaves at birth are constants; Koza's ephemeral constant is one terminal among many
+_STEP_RELATIVE, _STEP_RANGE = 0.1, 0.01  # mutation of constants: of the value, and of the range
+
+
+@dataclass(frozen=True)
+class Breeder:
+    """Makes genomes.
+
+    Attributes:
+        task: Depths and the range of constants.
+        terminals: What leaves may read.
+        joints: Expressions of a genome.
+    """
+
+    task: Task
+    terminals: Sequence[str]
+    joints: int
+
+    def _leaf(self, rng: np.random.Generator) -> Token:
+        if rng.random() < _CONSTANT_SHARE:
+            return round(float(rng.uniform(*self.task.constants)), 4)
+        return self.terminals[int(rng.integers(len(self.terminals)))]
+
+    def _grow(self, rng: np.random.Generator, limit: int, full: bool, tokens: list[Token]) -> None:
+        names = tuple(PRIMITIVES)
+        choices = len(names) + len(self.terminals)
+        if limit == 0 or (not full and tokens and rng.random() < len(self.terminals) / choices):
+            tokens.append(self._leaf(rng))
+            return
+        name = names[int(rng.integers(len(names)))]
+        tokens.append(name)
+        for _ in range(PRIMITIVES[name].arity):
+            self._grow(rng, limit - 1, full, tokens)
+
+    def population(self, rng: np.random.Generator, count: int) -> list[Genome]:
+        """Return a first generation by ramped half-and-half, without twins where they can be avoided.
+
+        Args:
+            rng: Where randomness comes from.
+            count: How many genomes.
+        """
+        shortest, tallest = self.task.gp.depth_at_birth
+        born: list[Genome] = []
+        seen: set[Genome] = set()
+        for index in range(count):
+            limit, full = shortest + index % (tallest - shortest + 1), bool(index % 2)
+            for _ in range(20):
+                genome = []
+                for _ in range(self.joints):
+                    tokens: list[Token] = []
+                    self._grow(rng, limit, full, tokens)
+                    genome.append(Expression(tuple(tokens)))
+                if tuple(genome) not in seen:
+                    break
+            seen.add(tuple(genome))
+            born.append(tuple(genome))
+        return born
+
+    def _point(self, rng: np.random.Generator, genome: Genome) -> tuple[int, int]:
+        nodes = [(joint, index) for joint, part in enumerate(genome) for index in range(len(part.tokens))]
+        inner = [(joint, index) for joint, index in nodes if genome[joint].tokens[index] in PRIMITIVES]
+        pool = inner if inner and rng.random() < _INNER_SHARE else nodes
+        return pool[int(rng.integers(len(pool)))]
+
+    def crossover(self, rng: np.random.Generator, mother: Genome, father: Genome) -> tuple[Genome, Genome]:
+        """Swap one subtree; a child that grew too deep is replaced by the parent it came from.
+
+        Args:
+            rng: Where randomness comes from.
+            mother: One parent.
+            father: The other.
+        """
+        (a, i), (b, j) = self._point(rng, mother), self._point(rng, father)
+        first, second = mother[a].tokens, father[b].tokens
+        i_end, j_end = subtree_end(first, i), subtree_end(second, j)
+        son = self._replaced(mother, a, first[:i] + second[j:j_end] + first[i_end:])
+        daughter = self._replaced(father, b, second[:j] + first[i:i_end] + second[j_end:])
+        return son, daughter
+
+    def _replaced(self, genome: Genome, joint: int, tokens: tuple[Token, ...]) -> Genome:
+        if depth(tokens) > self.task.gp.depth:
+            return genome
+        return (*genome[:joint], Expression(tokens), *genome[joint + 1 :])
+
+    def mutate_constants(self, rng: np.random.Generator, genome: Genome) -> Genome:
+        """Return a genome whose constants have all taken a small Gaussian step.
+
+        Args:
+            rng: Where randomness comes from.
+            genome: The parent.
+        """
+        low, high = self.task.constants
+        values = constants(genome)
+        steps = [_STEP_RELATIVE * abs(value) + _STEP_RANGE * (high - low) for value in values]
+        moved = [v + s * float(rng.standard_normal()) for v, s in zip(values, steps, strict=True)]
+        return with_constants(genome, moved)
+
+
+def constants(genome: Genome) -> list[float]:
+    """Return a genome's constants, in the order they are written."""
+    return [token for part in genome for token in part.tokens if isinstance(token, float)]
+
+
+def with_constants(genome: Genome, values: Sequence[float]) -> Genome:
+    """Return a genome with its constants replaced, rounded to the 5 digits that a file shows.
+
+    Args:
+        genome: The genome.
+        values: As many as it has, in the order they are written.
+    """
+    supply = iter(values)
+    return tuple(
+        Expression(tuple(float(f"{next(supply):.5g}") if isinstance(token, float) else token for token in part.tokens))
+        for part in genome
+    )

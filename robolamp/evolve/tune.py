@@ -1,0 +1,59 @@
+"""Tuning a controller's constants by CMA-ES (Hansen 2016), over cases and lamps drawn anew each iteration."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+
+from robolamp.evolve.task import Task
+from robolamp.evolve.tree import Genome, constants, with_constants
+from robolamp.evolve.trial import Trials, draw_cases
+
+_STEP_RELATIVE, _STEP_RANGE = 0.1, 0.02  # first step of each constant: of its value, and of the task's range
+
+
+def tune(
+    genome: Genome,
+    trials: Trials,
+    task: Task,
+    lamps: int,
+    iterations: int,
+    seed: int,
+    progress: Callable[[int, float], None],
+) -> Genome:
+    """Return a genome with better constants, or the same one where there are none to tune.
+
+    Fresh cases every iteration keep the search from fitting a few goals; what is returned is the mean of the search
+    distribution, which such noise moves least.
+
+    Args:
+        genome: Where to start.
+        trials: Tries genomes.
+        task: Weights (main + style) and the range of constants.
+        lamps: Lamps of the fleet.
+        iterations: How many.
+        seed: Where randomness comes from.
+        progress: Called after each iteration with its number and best fitness.
+    """
+    start = np.array(constants(genome))
+    if not len(start) or iterations < 1:
+        return genome
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # importing cma warns where matplotlib's backend is headless
+        import cma  # noqa: PLC0415 (slow to import, and needed here alone)
+    low, high = task.constants
+    scale = _STEP_RELATIVE * np.abs(start) + _STEP_RANGE * (high - low)
+    rng = np.random.default_rng(seed)
+    options = {"seed": int(rng.integers(1, 2**31)), "verbose": -9, "verb_log": 0, "maxiter": iterations}
+    search = cma.CMAEvolutionStrategy(np.zeros(len(start)), 1.0, options)
+    for iteration in range(iterations):
+        steps = search.ask()
+        candidates = [with_constants(genome, (start + scale * step).tolist()) for step in steps]
+        score = trials.score(candidates, draw_cases(rng, task, lamps))
+        fitness = score.main + score.style
+        search.tell(steps, fitness.tolist())
+        progress(iteration, float(fitness.min()))
+    mean = np.asarray(search.result.xfavorite)
+    return with_constants(genome, (start + scale * mean).tolist())
