@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from robolamp.dynamixel.bus import Bus
+from robolamp.dynamixel.registers import MODELS, RAD_PER_COUNT, VELOCITY_UNIT, Name
+from robolamp.dynamixel.servos import Servos
+from robolamp.errors import BusError, SafetyError
+
+from .responder import Responder
+from .test_bus import Clock
+
+GAINS = (800, 700, 600)
+
+
+@pytest.fixture
+def line() -> Iterator[Responder]:
+    with Responder() as responder:
+        yield responder
+
+
+def on(line: Responder, model: str = "XL330-M288-T") -> tuple[Bus, Servos]:
+    bus = Bus(line.name, 1_000_000, Clock(), patience=0.05)
+    bus.open()
+    return bus, Servos(bus, [1, 2, 3], [MODELS[model]] * 3)
+
+
+@pytest.fixture
+def servos(line: Responder) -> Iterator[Servos]:
+    bus, servos = on(line)
+    yield servos
+    bus.close()
+
+
+def test_state_in_si_units(line: Responder, servos: Servos) -> None:
+    knee = line.servos[2]
+    knee[Name.PRESENT_POSITION] = 1024
+    knee[Name.PRESENT_VELOCITY] = -100
+    knee[Name.PRESENT_CURRENT] = -250
+    knee[Name.PRESENT_PWM] = 885
+    knee[Name.TORQUE_ENABLE] = 1
+    knee[Name.HARDWARE_ERROR_STATUS] = 0x20
+    state = servos.read()
+    assert state.position == pytest.approx([math.pi, math.pi / 2, math.pi])
+    assert state.velocity[1] == pytest.approx(-100 * VELOCITY_UNIT)
+    assert state.current[1] == pytest.approx(-0.25)
+    assert state.pwm[1] == pytest.approx(1.0)
+    assert state.voltage == pytest.approx([5.0] * 3)
+    assert state.temperature.tolist() == [31.0] * 3
+    assert state.torque.tolist() == [0, 1, 0]
+    assert state.hardware_error.tolist() == [0, 0x20, 0]
+
+
+def test_a_silent_servo_is_a_gap_never_zero(line: Responder, servos: Servos) -> None:
+    line.servos[3].silent = True
+    state = servos.read()
+    assert np.isnan([state.position[2], state.velocity[2], state.current[2], state.voltage[2]]).all()
+    assert (state.torque[2], state.hardware_error[2]) == (-1, -1)
+    assert np.isfinite(state.position[:2]).all()
+
+
+def test_a_dead_servo_is_asked_again_once_only(line: Responder, servos: Servos) -> None:
+    line.servos[3].silent = True
+    servos.read()
+    asked = [parameters[4:] for _, _, parameters in line.heard]
+    assert asked == [bytes([1, 2, 3]), bytes([3]), bytes([1, 2])]
+    line.heard.clear()
+    servos.read()
+    assert [parameters[4:] for _, _, parameters in line.heard] == [bytes([1, 2, 3]), bytes([1, 2])]
+    line.servos[3].silent = False
+    assert np.isfinite(servos.read().position).all()
+
+
+def test_a_model_without_current_sensor_has_a_gap_there() -> None:
+    with Responder(model="XL430-W250-T") as line:
+        line.servos[1].memory[126:128] = b"\x64\x00"  # Present Load
+        bus, servos = on(line, "XL430-W250-T")
+        state = servos.read()
+        bus.close()
+    assert np.isnan(state.current).all()
+    assert np.isfinite(state.position).all()
+
+
+def test_goals(line: Responder, servos: Servos) -> None:
+    servos.write_goals(np.array([0.0, math.pi, 4095 * RAD_PER_COUNT]))
+    servos.read()  # an answer: the goals before it have arrived
+    assert [line.servos[i][Name.GOAL_POSITION] for i in (1, 2, 3)] == [0, 2048, 4095]
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -0.01, 2 * math.pi, 1e300])
+def test_no_goal_outside_the_turn_is_sent(line: Responder, servos: Servos, bad: float) -> None:
+    with pytest.raises(SafetyError, match=r"goal .* of servo 2 is not inside its turn"):
+        servos.write_goals(np.array([1.0, bad, 1.0]))
+    assert line.heard == []
+
+
+def test_torque_on_goes_to_the_present_goal_first(line: Responder, servos: Servos) -> None:
+    line.servos[2][Name.PRESENT_POSITION] = 1500
+    line.servos[2][Name.PROFILE_VELOCITY] = 50
+    line.servos[2][Name.BUS_WATCHDOG] = -1
+    servos.torque_on(GAINS, watchdog=0.2)
+    knee = line.servos[2]
+    assert knee[Name.GOAL_POSITION] == 1500
+    assert (knee[Name.TORQUE_ENABLE], knee[Name.PROFILE_VELOCITY], knee[Name.BUS_WATCHDOG]) == (1, 0, 10)
+    assert [line.servos[i][Name.POSITION_P_GAIN] for i in (1, 2, 3)] == list(GAINS)
+    writes = [int.from_bytes(p[:2], "little") for i, instruction, p in line.heard if (i, instruction) == (2, 3)]
+    assert writes.index(98) < writes.index(116) < writes.index(64) < len(writes) - 1 - writes[::-1].index(98)
+
+
+def test_a_servo_that_stays_without_torque_is_named(line: Responder, servos: Servos) -> None:
+    line.servos[3].stuck.add(64)
+    with pytest.raises(BusError, match="servo 3 took Torque Enable 1 and stays without torque"):
+        servos.torque_on(GAINS, watchdog=0.2)
+
+
+def test_torque_off_reaches_the_others_when_one_is_dead(line: Responder, servos: Servos) -> None:
+    servos.torque_on(GAINS, watchdog=0.2)
+    line.servos[1].silent = True
+    line.servos[2].error = 0x80  # an overloaded servo: alert on every answer
+    assert servos.torque_off() == (0,)
+    assert [line.servos[i][Name.TORQUE_ENABLE] for i in (1, 2, 3)] == [1, 0, 0]
+    assert [line.servos[i][Name.BUS_WATCHDOG] for i in (2, 3)] == [0, 0]
+
+
+def test_torque_off_never_raises_on_a_port_that_is_gone(line: Responder, servos: Servos) -> None:
+    line.unplug()
+    began = time.monotonic()
+    assert servos.torque_off() == (0, 1, 2)
+    assert time.monotonic() - began < 1.0
+
+
+def test_tripped_watchdogs(line: Responder, servos: Servos) -> None:
+    assert servos.watchdog_tripped() == ()
+    line.servos[2][Name.BUS_WATCHDOG] = -1
+    assert servos.watchdog_tripped() == (1,)
