@@ -1,0 +1,1 @@
+"""The lamp on its serial ports, physical or emulated, as one backend."""

@@ -1,0 +1,323 @@
+"""The loop: soft start, the controller's run, soft landing, torque off, on an absolute schedule; any lamp backend."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robolamp.controller.pilot import PilotStep
+from robolamp.errors import BusError, RobolampError
+from robolamp.lamp import Lamp
+from robolamp.runtime.health import Guard, Verdict
+from robolamp.runtime.stop import StopRequest
+from robolamp.signals import Command, Interventions, LampBackend, Observation, Tick
+
+Array = NDArray[np.float64]
+
+PERIOD = 0.02
+"""Control period where the controller gives none [s]: 50 Hz."""
+
+START_MOVE = 1.5
+"""Time from the present pose to the neutral one [s]."""
+
+START_HOLD = 0.5
+"""Time the neutral pose is held before the controller takes over [s]."""
+
+LANDING = 1.0
+"""Time from the last goal to the rest pose [s]."""
+
+_REQUEST = "request to stop"
+_LOOKS = 5  # observations taken to see every joint before torque goes on
+
+
+class Pilot(Protocol):
+    """A controller ready to run: compiled, its envelope set to start from the neutral pose."""
+
+    def step(self, observation: Observation, time: float) -> PilotStep:
+        """Return what to do.
+
+        Args:
+            observation: One without a missing angle.
+            time: Since the run phase began [s], by the schedule.
+        """
+        ...
+
+
+@dataclass
+class RunResult:
+    """How a run went.
+
+    Attributes:
+        ended: "finished", "stopped" (on request), "guard" (landed for a fault) or "cut" (torque off at once).
+        reason: Why, where it did not finish.
+        ticks: Ticks that were run.
+        missed_ticks: Ticks that were due and skipped because an earlier one took too long.
+        held_ticks: Ticks of the run that held the last goal because an angle was missing.
+        hops: Hops counted from the foot sensor.
+        interventions: Totals of the envelope.
+        faults: How many ticks showed each fault, by its text.
+    """
+
+    ended: str = "finished"
+    reason: str = ""
+    ticks: int = 0
+    missed_ticks: int = 0
+    held_ticks: int = 0
+    hops: int = 0
+    interventions: Interventions = field(default_factory=Interventions)
+    faults: dict[str, int] = field(default_factory=dict)
+
+
+def run(
+    backend: LampBackend,
+    pilot: Pilot,
+    lamp: Lamp,
+    *,
+    period: float = PERIOD,
+    duration: float = 5.0,
+    on_tick: Callable[[Tick], None] | None = None,
+    on_event: Callable[[str, str], None] | None = None,
+    stop: StopRequest | None = None,
+) -> RunResult:
+    """Run a controller on a lamp.
+
+    Torque is off when this returns or raises, whatever happened. A first stop request or a guard lands the lamp; a
+    second request, or a bus that nothing can be told to any more, turns torque off at once.
+
+    Args:
+        backend: The lamp, open.
+        pilot: The controller, ready: nothing is compiled once torque is on.
+        lamp: Its description: limits, rest pose.
+        period: Control period [s].
+        duration: Length of the run phase [s].
+        on_tick: Called with every tick after its goals were sent (log, display).
+        on_event: Called with "info", "warning" or "error" and a line of text: phases, new faults, the end.
+        stop: Watched for requests to stop.
+
+    Returns:
+        How it went.
+
+    Raises:
+        BusError: The lamp's pose cannot be read, or its torque cannot be turned on.
+    """
+    loop = _Loop(backend, lamp, period, on_tick, on_event, stop or StopRequest())
+    try:
+        if loop.begin():
+            loop.start()
+            loop.pilot(pilot, duration)
+            loop.land()
+    except _Cut as cut:
+        loop.cut(cut.reason)
+    finally:
+        backend.torque(False)
+    return loop.end()
+
+
+def smooth(share: float) -> float:
+    """Return the minimum-jerk curve (Flash and Hogan 1985): 0 at 0, 1 at 1, at rest at both ends.
+
+    Args:
+        share: Elapsed share of the movement; held at the ends outside 0 to 1.
+    """
+    s = min(max(share, 0.0), 1.0)
+    return s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
+
+
+class _Cut(Exception):
+    def __init__(self, reason: str) -> None:
+        super().__init__(reason)
+        self.reason = reason
+
+
+@dataclass
+class _Moment:
+    scheduled: float
+    began: float
+    read_done: float
+    observation: Observation
+
+
+class _Loop:
+    """One run: the schedule, and what every phase does with a tick."""
+
+    def __init__(
+        self,
+        backend: LampBackend,
+        lamp: Lamp,
+        period: float,
+        on_tick: Callable[[Tick], None] | None,
+        on_event: Callable[[str, str], None] | None,
+        stop: StopRequest,
+    ) -> None:
+        self._backend = backend
+        self._clock = backend.clock
+        self._lamp = lamp
+        self._period = period
+        self._on_tick = on_tick
+        self._on_event = on_event
+        self._stop = stop
+        self._guard = Guard(lamp)
+        self._result = RunResult()
+        self._goal = np.zeros(len(lamp.joints))
+        self._slot = 0
+        self._origin = 0.0
+        self._announced = 0
+        self._contact = True
+        self._landing = False
+
+    def begin(self) -> bool:
+        """See where every joint is, then turn torque on, unless a stop has been asked for already."""
+        angle = self._backend.observe().angle
+        for _ in range(_LOOKS - 1):
+            if np.isfinite(angle).all():
+                break
+            angle = self._backend.observe().angle
+        if not np.isfinite(angle).all():
+            silent = ", ".join(name for name, value in zip(self._lamp.names, angle, strict=True) if np.isnan(value))
+            raise BusError(f"no angle from {silent} in {_LOOKS} readings; torque stays off")
+        self._goal = np.clip(angle, self._lamp.lower, self._lamp.upper)
+        if self._stop.requests:
+            self._finish("stopped", _REQUEST)
+            return False
+        self._backend.torque(True)
+        self._origin = self._clock.now()
+        self._say("info", "torque on")
+        return True
+
+    def start(self) -> None:
+        """Move softly to the neutral pose, and hold it."""
+        self._move("start", np.zeros(len(self._goal)), START_MOVE, START_MOVE + START_HOLD)
+
+    def pilot(self, pilot: Pilot, duration: float) -> None:
+        """Let the controller drive."""
+        if self._ended:
+            return
+        self._say("info", "run")
+        begun: float | None = None
+        while True:
+            moment = self._next()
+            if begun is None:
+                begun = moment.scheduled
+            time = moment.scheduled - begun
+            if self._ended or time > duration - self._period / 2:
+                self._close("landing", moment, self._goal)
+                return
+            if np.isfinite(moment.observation.angle).all():
+                step = pilot.step(moment.observation, time)
+                self._result.hops, self._contact = step.hops, step.contact
+                self._result.interventions = step.interventions
+                self._close("run", moment, step.goal, step.inputs, step.outputs)
+            else:
+                self._result.held_ticks += 1
+                self._close("run", moment, self._goal)
+
+    def land(self) -> None:
+        """Move softly to the rest pose."""
+        self._landing = True
+        self._say("info", "landing")
+        self._move("landing", self._lamp.rest, LANDING, LANDING)
+
+    def cut(self, reason: str) -> None:
+        """Take note that the run ends at once."""
+        self._result.ended, self._result.reason = "cut", reason
+        self._say("error", f"torque off at once: {reason}")
+
+    def end(self) -> RunResult:
+        """Return how it went, torque being off; a servo that says otherwise is a fault."""
+        for name, torque in zip(self._lamp.names, self._backend.observe().health.torque, strict=True):
+            if torque != 0:
+                state = "still on" if torque > 0 else "perhaps still on"
+                self._guard.faults[f"{name}: torque {state} at the end"] += 1
+        self._announce()
+        self._result.faults = dict(self._guard.faults)
+        self._say("info", f"torque off; {self._result.ended}")
+        return self._result
+
+    @property
+    def _ended(self) -> bool:
+        return self._result.ended != "finished"
+
+    def _move(self, phase: str, target: Array, move: float, length: float) -> None:
+        """Move from the last goal to a pose in `move` seconds; the phase takes `length`."""
+        source = self._goal
+        begun: float | None = None
+        while True:
+            moment = self._next()
+            if begun is None:
+                begun = moment.scheduled
+            time = moment.scheduled - begun
+            if self._ended and not self._landing:
+                self._close(phase, moment, self._goal)
+                return
+            self._close(phase, moment, source + (target - source) * smooth((time + self._period) / move))
+            if time + self._period > length - self._period / 2:
+                return
+
+    def _next(self) -> _Moment:
+        """Wait for the next tick that is not past, observe, and judge whether to go on."""
+        scheduled = self._origin + self._slot * self._period
+        self._clock.sleep_until(scheduled)
+        began = self._clock.now()
+        missed = int((began - scheduled) / self._period)
+        self._result.missed_ticks += missed
+        scheduled += missed * self._period
+        self._slot += missed + 1
+        observation = self._backend.observe()
+        read_done = self._clock.now()
+        verdict = self._guard.check(observation)
+        self._announce()
+        if verdict == Verdict.CUT:
+            raise _Cut(self._guard.reason)
+        if self._stop.requests > 1:
+            raise _Cut("second request to stop")
+        if not self._ended and verdict == Verdict.LAND:
+            self._finish("guard", self._guard.reason)
+        elif not self._ended and not self._landing and self._stop.requests:
+            self._finish("stopped", _REQUEST)
+        return _Moment(scheduled, began, read_done, observation)
+
+    def _finish(self, ended: str, reason: str) -> None:
+        self._result.ended, self._result.reason = ended, reason
+        self._say("warning", f"{ended}: {reason}")
+
+    def _close(
+        self, phase: str, moment: _Moment, goal: Array, inputs: Array | None = None, outputs: Array | None = None
+    ) -> None:
+        """Send the goals and hand the tick out."""
+        try:
+            self._backend.command(Command(goal))
+        except RobolampError as error:
+            raise _Cut(str(error)) from None
+        self._goal = goal
+        tick = Tick(
+            index=self._result.ticks,
+            phase=phase,
+            scheduled=moment.scheduled,
+            began=moment.began,
+            read_done=moment.read_done,
+            write_done=self._clock.now(),
+            observation=moment.observation,
+            goal=goal,
+            inputs=np.empty(0) if inputs is None else inputs,
+            outputs=np.empty(0) if outputs is None else outputs,
+            interventions=self._result.interventions,
+            hops=self._result.hops,
+            contact=self._contact,
+        )
+        self._result.ticks += 1
+        if self._on_tick:
+            self._on_tick(tick)
+
+    def _announce(self) -> None:
+        """Report faults that are new."""
+        for text in list(self._guard.faults)[self._announced :]:
+            self._say("warning", text)
+        self._announced = len(self._guard.faults)
+
+    def _say(self, level: str, text: str) -> None:
+        if self._on_event:
+            self._on_event(level, text)

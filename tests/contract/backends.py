@@ -1,0 +1,63 @@
+"""The lamp backends that keep the contract, each as a context manager."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+
+from robolamp.assets import Assets
+from robolamp.calibration import load_calibration
+from robolamp.lamp import load_lamp
+from robolamp.robot.lamp import RobotLamp
+from robolamp.runtime.clock import MonotonicClock
+from robolamp.signals import LampBackend
+from robolamp.twin.lamp import TwinLamp
+from robolamp.twin.model import build
+
+LAMP = load_lamp(Assets())
+PATIENCE = 0.02  # s: a test machine may be busy
+
+
+@contextlib.contextmanager
+def emulator() -> Iterator[tuple[subprocess.Popen[str], str, str]]:
+    """An emulated lamp in a process of its own: the process, its servo port and its foot port."""
+    command = [sys.executable, "-m", "robolamp", "emulate", "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout
+            ports = json.loads(process.stdout.readline())
+            yield process, ports["servo_port"], ports["foot_port"]
+        finally:
+            process.terminate()
+            process.communicate(timeout=10)
+
+
+@contextlib.contextmanager
+def robot_on_emulator() -> Iterator[LampBackend]:
+    """The driver, over two real pseudo-terminals."""
+    with emulator() as (_, servo_port, foot_port):
+        lamp = RobotLamp(LAMP, servo_port, foot_port, MonotonicClock(), patience=PATIENCE)
+        try:
+            yield lamp
+        finally:
+            lamp.close()
+
+
+@contextlib.contextmanager
+def twin() -> Iterator[LampBackend]:
+    """The twin, in virtual time."""
+    lamp = TwinLamp(build(LAMP, load_calibration(Assets()), Assets()))
+    try:
+        yield lamp
+    finally:
+        lamp.close()
+
+
+BACKENDS: dict[str, Callable[[], AbstractContextManager[LampBackend]]] = {
+    "robot on the emulator": robot_on_emulator,
+    "twin": twin,
+}

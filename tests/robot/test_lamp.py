@@ -1,0 +1,249 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+from dynamixel.responder import Responder
+
+from robolamp.assets import Assets
+from robolamp.dynamixel.registers import Name
+from robolamp.errors import BusError, RobolampError, SafetyError
+from robolamp.foot.protocol import Frame, encode
+from robolamp.lamp import Lamp, load_lamp
+from robolamp.robot import lamp as robot
+from robolamp.robot.lamp import RobotLamp
+from robolamp.runtime.clock import MonotonicClock
+from robolamp.signals import Command
+
+LAMP = load_lamp(Assets())
+
+
+class Foot:
+    """A foot sensor that sends a frame whenever it is asked."""
+
+    def __init__(self) -> None:
+        self.sequence = 0
+        self.alive = True
+        self.disconnected = False
+        self.saturated = False
+        self.gone = False
+
+    def read(self, size: int) -> bytes:
+        if self.gone:
+            raise OSError(5, "Input/output error")
+        if not self.alive:
+            return b""
+        self.sequence += 1
+        return encode(Frame(self.sequence, self.sequence * 1000, 2.06, self.saturated, self.disconnected))
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.fixture
+def line() -> Iterator[Responder]:
+    with Responder() as responder:
+        yield responder
+
+
+@pytest.fixture
+def foot() -> Foot:
+    return Foot()
+
+
+def robot_lamp(line: Responder, foot: Foot, lamp: Lamp = LAMP) -> RobotLamp:
+    return RobotLamp(lamp, line.name, foot, MonotonicClock(), patience=0.05)
+
+
+@pytest.fixture
+def ready(line: Responder, foot: Foot) -> Iterator[RobotLamp]:
+    backend = robot_lamp(line, foot)
+    backend.open()
+    yield backend
+    backend.close()
+
+
+def test_open_writes_nothing(line: Responder, ready: RobotLamp) -> None:
+    assert {instruction for _, instruction, _ in line.heard} == {0x01, 0x02, 0x82}
+    assert ready.joints == ("ankle", "knee", "neck")
+
+
+def test_observation_in_joint_terms(line: Responder, ready: RobotLamp) -> None:
+    for servo in line.servos.values():
+        servo[Name.PRESENT_POSITION] = 2048 + 100
+        servo[Name.PRESENT_VELOCITY] = 50
+        servo[Name.PRESENT_CURRENT] = 120
+        servo[Name.PRESENT_PWM] = 88
+    seen = ready.observe()
+    mirrored = np.array([1, -1, 1])
+    assert seen.angle == pytest.approx(mirrored * 100 * 2 * math.pi / 4096, abs=1e-6)
+    assert np.sign(seen.velocity).tolist() == np.sign(seen.current).tolist() == mirrored.tolist()
+    assert np.sign(seen.health.pwm).tolist() == mirrored.tolist()
+    assert seen.foot_force == 2.06
+    assert seen.foot_age < 0.1
+    assert (seen.angle_age < 0.1).all()
+    assert seen.faults == ()
+
+
+def test_goals_arrive_mirrored_where_mounted_mirrored(line: Responder, ready: RobotLamp) -> None:
+    ready.torque(True)
+    ready.command(Command(np.array([0.1, 0.1, -0.1])))
+    ready.observe()
+    assert [line.servos[i][Name.GOAL_POSITION] - 2048 for i in (1, 2, 3)] == [65, -65, -65]
+
+
+def test_torque_on_then_off(line: Responder, ready: RobotLamp) -> None:
+    ready.torque(True)
+    assert ready.observe().health.torque.tolist() == [1, 1, 1]
+    assert [line.servos[i][Name.POSITION_P_GAIN] for i in (1, 2, 3)] == [800, 800, 800]
+    assert [line.servos[i][Name.BUS_WATCHDOG] for i in (1, 2, 3)] == [10, 10, 10]
+    ready.close()
+    assert [line.servos[i][Name.TORQUE_ENABLE] for i in (1, 2, 3)] == [0, 0, 0]
+    assert ready.left_on == ()
+    ready.close()
+
+
+def test_a_servo_that_refuses_torque_leaves_none_on(line: Responder, ready: RobotLamp) -> None:
+    line.servos[3].refuse[64] = 7
+    with pytest.raises(BusError, match=r"neck \(id 3\) refuses 1 for Torque Enable\(64\)"):
+        ready.torque(True)
+    assert [line.servos[i][Name.TORQUE_ENABLE] for i in (1, 2)] == [0, 0]
+    assert ready.left_on == ("neck",)
+
+
+def test_gaps_grow_old_and_are_named(line: Responder, ready: RobotLamp) -> None:
+    line.servos[2].silent = True
+    first, second = ready.observe(), ready.observe()
+    for seen in (first, second):
+        assert np.isnan(seen.angle).tolist() == [False, True, False]
+        assert seen.faults == ("knee: no answer",)
+    assert second.angle_age[1] > first.angle_age[1] > 0.04
+    line.servos[2].silent = False
+    assert ready.observe().angle_age[1] < 0.04
+
+
+def test_a_bus_that_goes_away_is_all_gaps(line: Responder, ready: RobotLamp) -> None:
+    ready.torque(True)
+    line.unplug()
+    seen = ready.observe()
+    assert np.isnan(seen.angle).all()
+    assert (seen.health.torque == -1).all()
+    assert len(seen.faults) == 1
+    assert seen.faults[0].startswith("bus: the port is gone")
+    with pytest.raises(BusError, match="the port is gone"):
+        ready.command(Command(np.zeros(3)))
+    ready.torque(False)
+    assert ready.left_on == LAMP.names
+
+
+def test_a_foot_that_goes_away_keeps_the_servos(foot: Foot, ready: RobotLamp) -> None:
+    foot.gone = True
+    seen = ready.observe()
+    assert np.isfinite(seen.angle).all()
+    assert seen.faults[0].startswith("foot: the port is gone")
+    assert seen.foot_force == 2.06
+    assert ready.observe().foot_age > seen.foot_age
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 0.79, -1.01, 1e300])
+def test_no_goal_outside_the_limits_is_sent(line: Responder, ready: RobotLamp, bad: float) -> None:
+    ready.torque(True)
+    line.heard.clear()
+    with pytest.raises(SafetyError, match=r"of knee is not from -1 to 0\.78 rad"):
+        ready.command(Command(np.array([0.0, bad, 0.0])))
+    ready.command(Command(LAMP.upper))
+    ready.command(Command(LAMP.lower))
+    ready.observe()
+    assert [instruction for _, instruction, _ in line.heard].count(0x83) == 2
+
+
+def test_a_tripped_watchdog_is_named(line: Responder, ready: RobotLamp, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(robot, "WATCHDOG", 0.0)  # silence that is too long
+    ready.torque(True)
+    ready.command(Command(np.zeros(3)))
+    line.servos[2][Name.BUS_WATCHDOG] = -1
+    with pytest.raises(BusError, match="Bus Watchdog has stopped knee"):
+        ready.command(Command(np.zeros(3)))
+
+
+def spoil(name: Name, value: int) -> Callable[[Responder, Foot], None]:
+    def apply(line: Responder, foot: Foot) -> None:
+        line.servos[2][name] = value
+
+    return apply
+
+
+def silence(line: Responder, foot: Foot) -> None:
+    line.servos[2].silent = True
+
+
+def deafen(line: Responder, foot: Foot) -> None:
+    line.servos[2].deaf_to.add(0x82)
+
+
+def kill_foot(line: Responder, foot: Foot) -> None:
+    foot.alive = False
+
+
+def unplug_cell(line: Responder, foot: Foot) -> None:
+    foot.disconnected = True
+
+
+@pytest.mark.parametrize(
+    ("harm", "kind", "said"),
+    [
+        (silence, BusError, r"knee \(id 2\) does not answer to a ping at 1000000 baud"),
+        (deafen, BusError, r"knee \(id 2\) answers to a ping, but not to a sync read"),
+        (kill_foot, BusError, r"no foot sensor: nothing came in 0\.5 s"),
+        (unplug_cell, SafetyError, "load cell is not connected"),
+        (spoil(Name.MODEL_NUMBER, 1190), SafetyError, r"knee \(id 2\) is XL330-M077-T; lamp\.toml says XL330-M288-T"),
+        (spoil(Name.MODEL_NUMBER, 77), SafetyError, r"knee \(id 2\) is model number 77"),
+        (spoil(Name.OPERATING_MODE, 16), SafetyError, r"knee \(id 2\): Operating Mode\(11\) is 16, not 3 .*write 3"),
+        (spoil(Name.DRIVE_MODE, 1), SafetyError, r"knee \(id 2\): Drive Mode\(10\) is 1, not 0"),
+        (
+            spoil(Name.MAX_POSITION_LIMIT, 2100),
+            SafetyError,
+            r"outside its Position Limits \(52, 48\) of 0\.00 to 3\.22",
+        ),
+        (spoil(Name.HARDWARE_ERROR_STATUS, 0x20), SafetyError, r"0x20 \(overload\); find the cause"),
+        (spoil(Name.PRESENT_INPUT_VOLTAGE, 30), SafetyError, r"has 3\.0 V, outside its limits of 3\.5 to 7\.0 V"),
+        (spoil(Name.PRESENT_POSITION, 1024), SafetyError, r"knee .*stands at 1\.57 rad, outside -1\.17 to 0\.95; put"),
+    ],
+)
+def test_preflight_names_what_is_wrong(
+    line: Responder, foot: Foot, harm: Callable[[Responder, Foot], None], kind: type[RobolampError], said: str
+) -> None:
+    harm(line, foot)
+    backend = robot_lamp(line, foot)
+    with pytest.raises(kind, match=said) as caught:
+        backend.open()
+    assert caught.value.where in {line.name, "Foot"}
+    assert "\n" not in str(caught.value)
+    assert 0x03 not in {instruction for _, instruction, _ in line.heard}
+    backend.close()
+
+
+def test_preflight_names_everything_at_once(line: Responder, foot: Foot) -> None:
+    line.servos[1][Name.OPERATING_MODE] = 4
+    line.servos[3][Name.PRESENT_INPUT_VOLTAGE] = 71
+    with pytest.raises(SafetyError, match=r"ankle \(id 1\): Operating Mode.*; neck \(id 3\): has 7\.1 V"):
+        robot_lamp(line, foot).open()
+
+
+def test_a_range_across_the_seam_is_refused(line: Responder, foot: Foot) -> None:
+    joints = (dataclasses.replace(LAMP.joints[0], zero=0.2), *LAMP.joints[1:])
+    with pytest.raises(SafetyError, match=r"range is -0\.40 to 0\.80 rad .*does not cross 0"):
+        robot_lamp(line, foot, dataclasses.replace(LAMP, joints=joints)).open()
+
+
+def test_before_open_there_are_only_gaps() -> None:
+    backend = RobotLamp(LAMP, "/dev/no-such-port", "/dev/no-such-foot", MonotonicClock())
+    assert np.isnan(backend.observe().angle).all()
+    assert (backend.observe().angle_age == math.inf).all()
+    with pytest.raises(BusError, match="not open"):
+        backend.command(Command(np.zeros(3)))
+    backend.torque(False)
+    backend.close()

@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from robolamp.runtime.health import ANGLE_AGE, FOOT_AGE, FOOT_AGE_STOP, TEMPERATURE, VOLTAGE_TIME, Guard, Verdict
+from robolamp.signals import Observation
+
+from .fake import LAMP, FakeLamp
+
+
+def observation(change: Callable[[Observation], None] = lambda o: None) -> Observation:
+    lamp = FakeLamp(change)
+    lamp.on = True
+    return lamp.observe()
+
+
+def test_a_healthy_lamp() -> None:
+    guard = Guard(LAMP)
+    assert guard.check(observation()) == Verdict.GO
+    assert not guard.faults
+
+
+def change(name: str, value: float) -> Callable[[Observation], None]:
+    """Set the knee's entry of a health array."""
+
+    def apply(o: Observation) -> None:
+        getattr(o.health, name)[1] = value
+
+    return apply
+
+
+def age(*joints: int) -> Callable[[Observation], None]:
+    def apply(o: Observation) -> None:
+        o.angle_age[list(joints)] = ANGLE_AGE * 1.01
+
+    return apply
+
+
+def foot(age: float) -> Callable[[Observation], None]:
+    def apply(o: Observation) -> None:
+        o.foot_age = age
+
+    return apply
+
+
+@pytest.mark.parametrize(
+    ("spoil", "verdict", "text"),
+    [
+        (change("hardware_error", 0x20), Verdict.LAND, "knee: hardware error (overload)"),
+        (change("torque", 0), Verdict.LAND, "knee: torque went off"),
+        (change("temperature", TEMPERATURE + 1), Verdict.LAND, "knee: above 65 degC"),
+        (change("voltage", 3.4), Verdict.GO, "knee: supply below 3.5 V"),
+        (age(1), Verdict.LAND, "knee: no answer for 0.1 s"),
+        (age(0, 1, 2), Verdict.CUT, "no servo has answered for 0.1 s"),
+        (foot(FOOT_AGE * 1.01), Verdict.GO, "foot: no force for 0.05 s"),
+        (foot(FOOT_AGE_STOP * 1.01), Verdict.LAND, "foot: no force for 0.1 s"),
+        (foot(float("inf")), Verdict.LAND, "foot: no force for 0.1 s"),
+    ],
+)
+def test_each_fault_is_named_and_judged(spoil: Callable[[Observation], None], verdict: Verdict, text: str) -> None:
+    guard = Guard(LAMP)
+    assert guard.check(observation(spoil)) == verdict
+    assert guard.faults[text] == 1
+    assert guard.reason == (text if verdict else "")
+
+
+@pytest.mark.parametrize("name", ["hardware_error", "torque"])
+def test_unknown_is_not_a_fault(name: str) -> None:
+    guard = Guard(LAMP)
+    assert guard.check(observation(change(name, -1))) == Verdict.GO
+    assert not guard.faults
+
+
+def test_a_lasting_low_voltage_lands() -> None:
+    guard = Guard(LAMP)
+
+    def at(time: float, volts: float) -> Verdict:
+        low = observation(change("voltage", volts))
+        low.time = time
+        return guard.check(low)
+
+    assert [at(0.0, 3.0), at(VOLTAGE_TIME / 2, 3.0), at(VOLTAGE_TIME * 0.9, 5.0)] == [Verdict.GO] * 3
+    assert at(VOLTAGE_TIME * 1.1, 3.0) == Verdict.GO  # counted anew
+    assert at(VOLTAGE_TIME * 2.2, 3.0) == Verdict.LAND
+
+
+def test_the_first_reason_stays() -> None:
+    guard = Guard(LAMP)
+    guard.check(observation(change("torque", 0)))
+    guard.check(observation(age(0, 1, 2)))
+    assert guard.reason == "knee: torque went off"

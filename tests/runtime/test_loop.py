@@ -1,0 +1,250 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from robolamp.errors import BusError, SafetyError
+from robolamp.runtime.health import ANGLE_AGE
+from robolamp.runtime.loop import LANDING, START_HOLD, START_MOVE, run, smooth
+from robolamp.runtime.stop import StopRequest
+from robolamp.signals import Observation, Tick
+
+from .fake import LAMP, FakeLamp, Wave
+
+START_TICKS = round((START_MOVE + START_HOLD) / 0.02)
+
+
+def phases(ticks: list[Tick]) -> list[str]:
+    """The phases in order, without repeats."""
+    return [tick.phase for i, tick in enumerate(ticks) if i == 0 or ticks[i - 1].phase != tick.phase]
+
+
+def test_a_whole_run() -> None:
+    lamp, pilot, ticks, events = FakeLamp(), Wave(), [], []
+    result = run(lamp, pilot, LAMP, duration=1.0, on_tick=ticks.append, on_event=lambda *event: events.append(event))
+    assert phases(ticks) == ["start", "run", "landing"]
+    assert lamp.torques == [True, False]
+    assert (result.ended, result.missed_ticks, result.faults) == ("finished", 0, {})
+    assert result.ticks == len(ticks) == len(lamp.goals)
+    assert [tick.index for tick in ticks] == list(range(len(ticks)))
+    assert len([tick for tick in ticks if tick.phase == "run"]) == 50
+    assert pilot.times == pytest.approx(np.arange(50) * 0.02)
+    assert (result.hops, result.interventions.slewed) == (50, 1)
+    assert np.diff([tick.scheduled for tick in ticks]) == pytest.approx(0.02)
+    assert all(tick.scheduled <= tick.began <= tick.read_done <= tick.write_done for tick in ticks)
+    assert [level for level, _ in events] == ["info"] * len(events)
+
+
+def test_soft_start_and_landing() -> None:
+    lamp, ticks = FakeLamp(), []
+    run(lamp, Wave(), LAMP, duration=0.5, on_tick=ticks.append)
+    start = np.array([tick.goal for tick in ticks if tick.phase == "start"])
+    assert len(start) == START_TICKS
+    assert start[0] == pytest.approx([0.3, -0.2, 0.1], abs=1e-3)
+    assert np.abs(start[-round(START_HOLD / 0.02) :]).max() == pytest.approx(0.0, abs=1e-12)
+    landing = np.array([tick.goal for tick in ticks if tick.phase == "landing"])
+    assert landing[-1] == pytest.approx(LAMP.rest)
+    assert len(landing) == pytest.approx(LANDING / 0.02, abs=1)
+    fastest = np.abs(np.diff(np.concatenate([start, landing[-len(landing) :]]), axis=0))[: len(start) - 1].max() / 0.02
+    assert fastest < 0.5  # 0.3 rad in 1.5 s with a peak of 15/8 of the mean
+
+
+def test_goals_between_phases_do_not_jump() -> None:
+    lamp = FakeLamp()
+    run(lamp, Wave(), LAMP, duration=1.3)
+    steps = np.abs(np.diff(np.array(lamp.goals), axis=0))
+    assert steps.max() < 0.04  # the wave itself: 0.3 rad x 6 rad/s x 0.02 s
+
+
+def test_a_pose_outside_the_limits_is_moved_in_from_the_limit() -> None:
+    lamp, ticks = FakeLamp(), []
+    lamp.angle = LAMP.upper + 0.1
+    run(lamp, Wave(), LAMP, duration=0.1, on_tick=ticks.append)
+    assert all((tick.goal <= LAMP.upper).all() and (tick.goal >= LAMP.lower).all() for tick in ticks)
+
+
+@pytest.mark.parametrize("at", [3, START_TICKS + 5])
+def test_a_request_lands_the_lamp(at: int) -> None:
+    stop, ticks = StopRequest(), []
+
+    def on_tick(tick: Tick) -> None:
+        ticks.append(tick)
+        if tick.index == at:
+            stop.request()
+
+    lamp = FakeLamp()
+    result = run(lamp, Wave(), LAMP, on_tick=on_tick, stop=stop)
+    assert result.ended == "stopped"
+    assert ticks[-1].phase == "landing"
+    assert ticks[-1].goal == pytest.approx(LAMP.rest)
+    assert len(ticks) <= at + 3 + LANDING / 0.02
+    assert lamp.torques == [True, False]
+
+
+def test_a_request_before_the_start_keeps_torque_off() -> None:
+    stop, lamp = StopRequest(), FakeLamp()
+    stop.request()
+    result = run(lamp, Wave(), LAMP, stop=stop)
+    assert (result.ended, result.ticks) == ("stopped", 0)
+    assert True not in lamp.torques
+
+
+def test_a_second_request_cuts() -> None:
+    stop, ticks = StopRequest(), []
+
+    def on_tick(tick: Tick) -> None:
+        ticks.append(tick)
+        if tick.index in (10, 15):
+            stop.request()
+
+    lamp = FakeLamp()
+    result = run(lamp, Wave(), LAMP, on_tick=on_tick, stop=stop)
+    assert (result.ended, result.reason, len(ticks)) == ("cut", "second request to stop", 16)
+    assert lamp.torques == [True, False]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), RuntimeError("x"), MemoryError()])
+def test_torque_goes_off_on_any_exception(error: BaseException) -> None:
+    class Broken(Wave):
+        def step(self, observation: Observation, time: float) -> None:  # type: ignore[override]
+            raise error
+
+    lamp = FakeLamp()
+    with pytest.raises(type(error)):
+        run(lamp, Broken(), LAMP)
+    assert lamp.torques == [True, False]
+
+
+def test_a_failing_callback_turns_torque_off() -> None:
+    def on_tick(tick: Tick) -> None:
+        raise OSError("disk")
+
+    lamp = FakeLamp()
+    with pytest.raises(OSError, match="disk"):
+        run(lamp, Wave(), LAMP, on_tick=on_tick)
+    assert lamp.torques == [True, False]
+
+
+@pytest.mark.parametrize("error", [BusError("the port is gone", "/dev/x"), SafetyError("goal nan")])
+def test_a_bus_that_takes_no_goals_cuts(error: Exception) -> None:
+    lamp = FakeLamp()
+    lamp.refuse = error
+    result = run(lamp, Wave(), LAMP)
+    assert (result.ended, result.reason) == ("cut", str(error))
+    assert lamp.torques == [True, False]
+
+
+def test_missed_reads_hold_the_last_goal() -> None:
+    ticks: list[Tick] = []
+    gone = range(START_TICKS + 10, START_TICKS + 13)
+
+    def spoil(observation: Observation) -> None:
+        if len(ticks) in gone:
+            observation.angle[1] = np.nan
+            observation.faults = ("knee: no answer",)
+
+    lamp, pilot = FakeLamp(spoil), Wave()
+    result = run(lamp, pilot, LAMP, duration=1.0, on_tick=ticks.append)
+    assert (result.ended, result.held_ticks, result.faults) == ("finished", 3, {"knee: no answer": 3})
+    for index in gone:
+        assert ticks[index].goal == pytest.approx(ticks[gone[0] - 1].goal)
+    assert np.isfinite(pilot.angles).all()
+    assert len(pilot.times) == 47
+
+
+def test_one_joint_lost_for_good_lands() -> None:
+    ticks: list[Tick] = []
+
+    def spoil(observation: Observation) -> None:
+        if len(ticks) > START_TICKS + 10:
+            observation.angle[1] = np.nan
+            observation.angle_age[1] = (len(ticks) - START_TICKS - 10) * 0.02
+
+    lamp = FakeLamp(spoil)
+    result = run(lamp, Wave(), LAMP, on_tick=ticks.append)
+    assert (result.ended, result.reason) == ("guard", f"knee: no answer for {ANGLE_AGE:g} s")
+    assert ticks[-1].phase == "landing"
+    assert result.held_ticks <= 6
+
+
+def test_all_joints_lost_cuts() -> None:
+    ticks: list[Tick] = []
+
+    def spoil(observation: Observation) -> None:
+        if len(ticks) > START_TICKS:
+            observation.angle[:] = np.nan
+            observation.angle_age[:] = (len(ticks) - START_TICKS) * 0.02
+            observation.health.torque[:] = -1
+
+    lamp = FakeLamp(spoil)
+    result = run(lamp, Wave(), LAMP, on_tick=ticks.append)
+    assert (result.ended, result.reason) == ("cut", f"no servo has answered for {ANGLE_AGE:g} s")
+    assert ticks[-1].phase == "run"
+    assert lamp.torques == [True, False]
+    assert result.faults["knee: torque perhaps still on at the end"] == 1
+
+
+def test_no_torque_without_every_angle() -> None:
+    def spoil(observation: Observation) -> None:
+        observation.angle[2] = np.nan
+
+    lamp = FakeLamp(spoil)
+    with pytest.raises(BusError, match="no angle from neck in 5 readings"):
+        run(lamp, Wave(), LAMP)
+    assert True not in lamp.torques
+
+
+def test_a_servo_that_stays_on_is_a_fault() -> None:
+    def spoil(observation: Observation) -> None:
+        observation.health.torque[0] = 1
+
+    result = run(FakeLamp(spoil), Wave(), LAMP, duration=0.1)
+    assert result.faults == {"ankle: torque still on at the end": 1}
+
+
+def test_missed_ticks_are_skipped_and_counted() -> None:
+    """A tick that takes 50 ms: the two that were due meanwhile are not caught up in a burst."""
+    ticks: list[Tick] = []
+    lamp = FakeLamp()
+
+    def on_tick(tick: Tick) -> None:
+        ticks.append(tick)
+        if tick.index == START_TICKS + 20:
+            lamp.clock.sleep_until(lamp.clock.now() + 0.05)
+
+    pilot = Wave()
+    result = run(lamp, pilot, LAMP, duration=1.0, on_tick=on_tick)
+    gaps = np.diff([tick.scheduled for tick in ticks])
+    assert result.missed_ticks == 1  # due at 20 (skipped) and 40 ms; the tick began 12 ms after the second
+    assert np.sort(gaps)[-2:] == pytest.approx([0.02, 0.04])
+    assert np.diff([tick.began for tick in ticks]).min() > 0.005
+    assert pilot.times[-1] == pytest.approx(0.98)
+    assert len(pilot.times) == 49
+
+
+def test_late_by_less_than_a_period_is_not_missed() -> None:
+    lamp = FakeLamp()
+    lamp.read_time = 0.019
+    assert run(lamp, Wave(), LAMP, duration=0.2).missed_ticks == 0
+
+
+def test_faults_are_announced_once() -> None:
+    def spoil(observation: Observation) -> None:
+        observation.faults = ("foot: saturated",)
+
+    events: list[tuple[str, str]] = []
+    result = run(FakeLamp(spoil), Wave(), LAMP, duration=0.1, on_event=lambda *event: events.append(event))
+    assert result.faults == {"foot: saturated": result.ticks}
+    assert [event for event in events if event[0] == "warning"] == [("warning", "foot: saturated")]
+
+
+def test_minimum_jerk() -> None:
+    share = np.linspace(0, 1, 1001)
+    curve = np.array([smooth(s) for s in share])
+    speed = np.gradient(curve, share)
+    assert (curve[0], curve[-1], smooth(-1), smooth(2)) == (0, 1, 0, 1)
+    assert speed.max() == pytest.approx(15 / 8, rel=1e-3)
+    assert speed[[0, -1]] == pytest.approx([0, 0], abs=1e-4)
+    assert math.isclose(smooth(0.5), 0.5)
