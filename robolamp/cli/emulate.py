@@ -24,14 +24,16 @@ def emulate(
     truth: Path | None = None,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
-    """Run an emulated lamp until Ctrl-C: three Dynamixel servos and a foot sensor, each behind a serial port.
+    """Run an emulated lamp until Ctrl-C: Dynamixel servos and a foot sensor.
 
-    Any Dynamixel protocol 2.0 client can open the servo port. Behind the ports the lamp's physics runs in real time. It
-    starts standing upright, each joint held as if by hand until its torque is first turned on; to stand it up again,
-    start the emulator again. docs/emulator.md says what it models and what it does not.
+    Each is behind a serial port of its own that any client can open; the
+    lamp's physics runs behind them in real time. The lamp starts upright, each
+    joint held as if by hand until its torque is first turned on. To stand it
+    up again, start the emulator again. What it models and what it does not is
+    in docs/emulator.md.
 
     Args:
-        lamp: Your own lamp's folder (made like robolamp's: hardware/, sim/, calibration/).
+        lamp: Your own lamp's folder (laid out like robolamp's: hardware/, sim/, calibration/).
         calibration: Calibration file, or the name of one: what the physics is calculated with.
         reality: How this lamp differs from that calibration: a file, the name of one ("worn"), or "none".
         truth: Write what really happens (base, contacts, true angles) to this MCAP log.

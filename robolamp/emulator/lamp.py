@@ -1,0 +1,164 @@
+"""The emulated lamp in one piece: servos on a line, the foot sensor, and the plant that moves behind them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robolamp.assets import Assets
+from robolamp.calibration import Calibration
+from robolamp.dynamixel.registers import BAUD_CODES, MODELS, Name
+from robolamp.emulator.foot import FootSensor
+from robolamp.emulator.line import GAP, Line, Reply
+from robolamp.emulator.plant import Plant
+from robolamp.emulator.reality import Reality
+from robolamp.emulator.servo import Drive, Sensed, Servo
+from robolamp.errors import FileError
+from robolamp.lamp import Lamp
+from robolamp.twin.model import Bend, build
+
+TEMPERATURE = 30.0
+"""What every servo reports: temperature is not modelled [degC]."""
+
+VELOCITY_WINDOW = 0.05
+"""Present Velocity is the mean over this time [s]. Estimate: the e-manual gives none; servos are seen to lag so."""
+
+Array = NDArray[np.float64]
+
+
+class EmulatedLamp:
+    """A lamp that answers bytes, in a time that is given to it.
+
+    Args:
+        lamp: The lamp's description.
+        calibration: The twin's numbers.
+        assets: Where the model is.
+        reality: How this lamp differs from that twin.
+        gap: Silence inside a packet that ends it [s].
+
+    Attributes:
+        lamp: As given.
+        servos: The servos, in the order of the joints.
+        line: What connects them.
+        plant: What they turn.
+
+    Raises:
+        FileError: The model or calibration lacks something, or no servo can have the lamp's baud rate.
+    """
+
+    def __init__(
+        self, lamp: Lamp, calibration: Calibration, assets: Assets, reality: Reality, *, gap: float = GAP
+    ) -> None:
+        if lamp.bus_baud not in BAUD_CODES:
+            legal = ", ".join(map(str, BAUD_CODES))
+            raise FileError(f"bus.baud: {lamp.bus_baud} is not one of {legal}", str(lamp.path))
+        bend = Bend(
+            strength=reality.strength, friction=reality.friction, mass=reality.mass, floor=reality.floor_friction
+        )
+        twin = build(lamp, calibration, assets, bend, torque=False)
+        self.lamp = lamp
+        self.plant = Plant(twin)
+        self._random = np.random.default_rng(reality.seed)
+        self._encoder_noise = reality.encoder_noise
+        self._watchers: list[Callable[[EmulatedLamp], None]] = []
+        self._frames: deque[tuple[float, bytes]] = deque()
+        self._seen: deque[Array] = deque(maxlen=round(VELOCITY_WINDOW / self.plant.timestep) + 1)
+        self._read_encoders()
+        eeprom = {Name.BAUD_RATE: BAUD_CODES[lamp.bus_baud], Name.RETURN_DELAY_TIME: 0}
+        self.servos = tuple(
+            Servo(MODELS[joint.servo], {**eeprom, Name.ID: joint.id}, self._senses(index))
+            for index, joint in enumerate(lamp.joints)
+        )
+        self._drives: list[Drive | None] = [None] * len(self.servos)
+        jitter = reality.jitter
+        latency = (lambda: float(self._random.exponential(jitter))) if jitter else None
+        self.line = Line(self.servos, lamp.bus_baud, self.advance_to, latency, gap)
+        noise = reality.foot_noise
+        self._foot = FootSensor(
+            twin.foot_gain * reality.foot_gain, lambda: float(self._random.normal(0.0, noise)) if noise else 0.0
+        )
+
+    @property
+    def time(self) -> float:
+        """Simulated time, 0 at the start [s]."""
+        return self.plant.time
+
+    def watch(self, watcher: Callable[[EmulatedLamp], None]) -> None:
+        """Call a function with this lamp after each physics step."""
+        self._watchers.append(watcher)
+
+    def advance_to(self, time: float) -> None:
+        """Let the physics run up to a time; where it has been there already, nothing happens.
+
+        Args:
+            time: In simulated time [s].
+        """
+        while self.plant.time + self.plant.timestep <= time:
+            self._step()
+
+    def receive(self, data: bytes, time: float) -> list[Reply]:
+        """Take bytes from the client and return the servos' answers.
+
+        Args:
+            data: What the client sends.
+            time: When [s].
+        """
+        return self.line.feed(data, time)
+
+    def frames(self, time: float) -> bytes:
+        """Return the foot sensor's frames that were sampled by a time and not yet handed out.
+
+        Args:
+            time: In simulated time [s].
+        """
+        due = bytearray()
+        while self._frames and self._frames[0][0] <= time:
+            due += self._frames.popleft()[1]
+        return bytes(due)
+
+    def _step(self) -> None:
+        plant = self.plant
+        for index, servo in enumerate(self.servos):
+            servo.poll(plant.time)
+            drive = servo.drive()
+            if drive is not self._drives[index]:
+                self._drives[index] = drive
+                joint = self.lamp.joints[index]
+                plant.drive(
+                    index,
+                    torque=drive.torque,
+                    goal=joint.sign * (drive.goal - joint.zero),
+                    p_gain=drive.p_gain,
+                    duty_limit=drive.duty_limit,
+                )
+        plant.step()
+        self._read_encoders()
+        self._frames.extend(self._foot.sample(plant.force, plant.time))
+        for watcher in self._watchers:
+            watcher(self)
+
+    def _read_encoders(self) -> None:
+        self._seen.append(self.plant.angle + self._random.normal(size=len(self.lamp.joints)) * self._encoder_noise)
+
+    def _senses(self, index: int) -> Callable[[float], Sensed]:
+        joint, plant = self.lamp.joints[index], self.plant
+
+        def sense(time: float) -> Sensed:
+            newest, oldest = self._seen[-1][index], self._seen[0][index]
+            window = max(len(self._seen) - 1, 1) * plant.timestep
+            ahead = min(max(time - plant.time, 0.0), plant.timestep)
+            duty = float(plant.duty[index])
+            return Sensed(
+                angle=joint.zero + joint.sign * float(newest + plant.velocity[index] * ahead),
+                velocity=joint.sign * float(newest - oldest) / window,
+                # The supply's current, not the winding's: the driver is a switching converter.
+                current=joint.sign * abs(duty) * float(plant.phase_current[index]),
+                duty=joint.sign * duty,
+                voltage=plant.voltage,
+                temperature=TEMPERATURE,
+            )
+
+        return sense

@@ -1,0 +1,197 @@
+"""What the emulated servos turn and the foot stands on: the twin in MuJoCo, one lane, one step at a time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from robolamp.errors import RobolampError
+from robolamp.twin.judge import FALLEN_HEAD, FALLEN_TILT
+from robolamp.twin.model import TwinModel
+from robolamp.twin.servo import friction_loss, write_motors
+
+Array = NDArray[np.float64]
+
+_HAND = 5.0  # friction by which a hand holds a joint [Nm]: ten times what a servo can push
+_SETTLE = 0.5  # time for the foot to come to rest on the floor before the clock starts [s]
+_LARGEST_VOLTAGE = 7  # where a dcmotor's actuator_gainprm holds it
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What really happens, which no client of the ports is told.
+
+    Attributes:
+        base_x: Base centre, forward [m].
+        base_z: Base centre above the floor [m].
+        lean: Of the base from upright, positive forward [rad].
+        clearance: Lowest point of the foot above the floor [m]; slightly negative where it presses in.
+        force: Floor force on the foot [N].
+        fallen: Leaning more than 70 degrees, or the head within 3 cm of the floor.
+    """
+
+    base_x: float
+    base_z: float
+    lean: float
+    clearance: float
+    force: float
+    fallen: bool
+
+
+class Plant:
+    """The lamp's mechanics and motors.
+
+    It starts standing in the neutral pose, each joint held as if by hand until its motor is first driven.
+
+    Args:
+        twin: The compiled lamp; this plant alone may use it, for it writes into its model.
+
+    Attributes:
+        timestep: Physics step [s].
+    """
+
+    def __init__(self, twin: TwinModel) -> None:
+        self._twin = twin
+        self._model = twin.model
+        self._data = mujoco.MjData(twin.model)
+        self.timestep = twin.timestep
+        n = len(twin.qpos)
+        self._driven = np.zeros(n, bool)
+        self._hand = np.ones(n, bool)
+        self._p_gain = np.ones(n)
+        self._duty_limit = np.ones(n)
+        self._speed = np.zeros(n)  # when the motors' torques were formed: before the last step
+        self._steps = 0
+        self._friction = twin.servos.friction()[None]
+        data = self._data
+        self._lanes = tuple(
+            array.reshape(1, -1)
+            for array in (data.qfrc_actuator, data.qfrc_bias, data.qvel, self._model.dof_frictionloss)
+        )
+        mujoco.mj_resetDataKeyframe(self._model, data, 0)
+        self._write_motors()
+        for _ in range(round(_SETTLE / self.timestep)):
+            self.step()
+        data.qvel[:] = 0.0
+        self._steps = 0  # data.time runs on: the delay lines hold its stamps
+
+    @property
+    def time(self) -> float:
+        """Simulated time, 0 at the start [s]."""
+        return self._steps * self.timestep
+
+    @property
+    def angle(self) -> Array:
+        """Joint angles, shape (n,) [rad]."""
+        return self._data.qpos[self._twin.qpos]
+
+    @property
+    def velocity(self) -> Array:
+        """Joint velocities, shape (n,) [rad/s]."""
+        return self._data.qvel[self._twin.dof]
+
+    @property
+    def torque(self) -> Array:
+        """Motor torques before friction, shape (n,) [Nm]."""
+        return self._data.actuator_force[self._twin.actuator]
+
+    @property
+    def phase_current(self) -> Array:
+        """Winding currents, shape (n,) [A]."""
+        return self.torque / self._twin.servos.torque_constant
+
+    @property
+    def duty(self) -> Array:
+        """Motor voltages by supply voltage, shape (n,); 0 where the winding is open."""
+        servos = self._twin.servos
+        volts = self.phase_current * servos.resistance + servos.torque_constant * self._speed
+        return np.where(self._driven, np.clip(volts / self._twin.voltage, -1.0, 1.0), 0.0)
+
+    @property
+    def voltage(self) -> float:
+        """Supply voltage [V]."""
+        return self._twin.voltage
+
+    @property
+    def force(self) -> float:
+        """Floor force on the foot [N]."""
+        return float(self._data.sensordata[self._twin.foot_sensor])
+
+    @property
+    def held(self) -> tuple[bool, ...]:
+        """Whether each joint is still held by hand."""
+        return tuple(bool(held) for held in self._hand)
+
+    def drive(self, joint: int, *, torque: bool, goal: float, p_gain: int, duty_limit: float) -> None:
+        """Set what a servo does to its motor from the next step on.
+
+        Args:
+            joint: Which joint.
+            torque: Whether the motor is driven; else its winding is open.
+            goal: Joint angle to regulate to [rad].
+            p_gain: Position P Gain register.
+            duty_limit: Largest duty, 0 to 1.
+        """
+        actuator = int(self._twin.actuator[joint])
+        if torque and not self._driven[joint]:
+            # The delay line still holds goals from before: a servo that is switched on has forgotten them.
+            mujoco.mj_initCtrlHistory(self._model, self._data, actuator, None, np.full(self._samples(joint), goal))
+            self._hand[joint] = False
+            self._data.qfrc_applied[self._twin.dof[joint]] = 0.0
+        self._driven[joint], self._p_gain[joint], self._duty_limit[joint] = torque, p_gain, duty_limit
+        self._data.ctrl[actuator] = goal
+        self._write_motors()
+
+    def step(self) -> None:
+        """Advance by one physics step.
+
+        Raises:
+            RobolampError: The physics diverged.
+        """
+        data, dofs = self._data, self._twin.dof
+        friction_loss(self._friction, dofs, *self._lanes)
+        if self._hand.any():
+            held = dofs[self._hand]
+            self._model.dof_frictionloss[held] = _HAND
+            data.qfrc_applied[held] = data.qfrc_bias[held]  # it carries the weight too: friction alone creeps
+        self._speed = data.qvel[dofs]
+        before = data.time
+        mujoco.mj_step(self._model, data)
+        if data.time <= before:  # MuJoCo resets what diverges, and only its clock tells
+            raise RobolampError(
+                "the physics diverged; check masses, sizes and servo parameters", str(self._twin.lamp.path)
+            )
+        self._steps += 1
+
+    def truth(self) -> Truth:
+        """Return what really happens now."""
+        data, twin = self._data, self._twin
+        site = data.site("base")
+        x, z = float(site.xpos[0]), float(site.xpos[2])
+        forward, upright = float(site.xmat[2]), float(site.xmat[8])
+        lean = math.copysign(math.acos(max(-1.0, min(1.0, upright))), forward)
+        axis = abs(float(data.site_xmat[twin.head_site][8]))
+        radius, half = twin.head_size
+        head = float(data.site_xpos[twin.head_site][2]) - half * axis - radius * math.sqrt(max(1.0 - axis * axis, 0.0))
+        return Truth(
+            base_x=x,
+            base_z=z,
+            lean=lean,
+            clearance=z - twin.foot_radius * math.sqrt(max(1.0 - upright * upright, 0.0)),
+            force=self.force,
+            fallen=abs(lean) > FALLEN_TILT or head < FALLEN_HEAD,
+        )
+
+    def _write_motors(self) -> None:
+        actuators, voltage = self._twin.actuator, self._twin.voltage
+        rows = self._model.actuator_gainprm[actuators]
+        write_motors(rows, self._twin.servos, self._p_gain, np.full(len(rows), voltage), self._driven)
+        rows[:, _LARGEST_VOLTAGE] = voltage * self._duty_limit
+        self._model.actuator_gainprm[actuators] = rows
+
+    def _samples(self, joint: int) -> int:
+        return int(self._model.actuator_history[self._twin.actuator[joint], 0])
