@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -55,8 +56,9 @@ def compare(
     else:
         print(f"{result.verdict} tolerances. {sentence(result)}")
         for joint in result.joints:
+            lag = f"{joint.lag * 1e3:+6.1f} ms" if math.isfinite(joint.lag) else "unknown  "
             print(
-                f"  {joint.name:<8} lag {joint.lag * 1e3:+6.1f} ms   MAE {joint.before.mae * 1e3:6.1f} -> "
+                f"  {joint.name:<8} lag {lag}   MAE {joint.before.mae * 1e3:6.1f} -> "
                 f"{joint.after.mae * 1e3:5.1f} mrad   RMSE {joint.before.rmse * 1e3:6.1f} -> "
                 f"{joint.after.rmse * 1e3:5.1f} mrad"
             )

@@ -1,0 +1,175 @@
+"""The twin replays a log: the goals as they were sent, at the times they were sent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robolamp.assets import Assets
+from robolamp.calibration import Calibration
+from robolamp.controller.terminals import SignalLimits, Signals
+from robolamp.errors import FileError
+from robolamp.lamp import Lamp
+from robolamp.log.reader import Run
+from robolamp.signals import Command, Interventions, Tick
+from robolamp.twin.judge import Outcome
+from robolamp.twin.lamp import TwinLamp
+from robolamp.twin.model import TwinModel, build
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What the twin did, M physics steps. Times are on the log's clock [s].
+
+    Attributes:
+        twin: The compiled lamp.
+        time: Shape (M,) [s].
+        angle: True joint angles, shape (M, n) [rad].
+        base_x: The base centre along the floor, shape (M,) [m].
+        base_z: Its height, shape (M,) [m].
+        pitch: Lean of the foot, shape (M,) [rad].
+        force: Foot sensor reading, shape (M,) [N].
+        qpos: MuJoCo's positions, shape (M, nq).
+        ticks: The same run tick by tick, as the twin's sensors saw it.
+        outcome: What the twin truly did from the start of phase "run" (hops, falls, travel).
+    """
+
+    twin: TwinModel
+    time: Array
+    angle: Array
+    base_x: Array
+    base_z: Array
+    pitch: Array
+    force: Array
+    qpos: Array
+    ticks: Sequence[Tick]
+    outcome: Outcome
+
+
+def replay(run: Run, lamp: Lamp, calibration: Calibration, assets: Assets) -> Replay:
+    """Drive the twin with a log's goals.
+
+    A goal arrives at the twin's servos when the log says it had been sent. The calibration's line delay, which stands
+    for that time where there is no log, plays no part.
+
+    Args:
+        run: The log.
+        lamp: The lamp's description.
+        calibration: The twin's numbers.
+        assets: Where the model is.
+
+    Raises:
+        FileError: The log is of a lamp with other joints.
+        SafetyError: A logged goal is outside the lamp's limits.
+    """
+    if run.joints != lamp.names:
+        raise FileError(f"is of joints {', '.join(run.joints)}; {lamp.path} has {', '.join(lamp.names)}", str(run.path))
+    twin = TwinLamp(build(lamp, calibration, assets))
+    origin = float(run.began[0])
+    sent = run.write_done - origin - twin.twin.line_delay
+    read = run.measured_at - origin
+    recorder = _Recorder(twin, origin)
+    counter = _HopCounter(run, lamp)
+    twin.open()
+    _pose(twin, run.angle)
+    twin.torque(True)
+    recorder.record()
+    ticks = []
+    for index in range(run.index.size):
+        if run.phase[index] == "run" and (index == 0 or run.phase[index - 1] != "run"):
+            twin.start_judging()
+        goal = run.goal[index]
+        if sent[index] < read[index]:
+            recorder.advance(sent[index])
+            twin.command(Command(goal))
+            recorder.advance(read[index])
+            seen = twin.observe()
+        else:
+            recorder.advance(read[index])
+            seen = twin.observe()
+            recorder.advance(sent[index])
+            twin.command(Command(goal))
+        seen.time += origin
+        hops, contact = counter.count(index, seen.angle, seen.foot_force)
+        began = float(run.began[index])
+        ticks.append(
+            Tick(
+                index=int(run.index[index]),
+                phase=str(run.phase[index]),
+                scheduled=float(run.scheduled[index]),
+                began=began,
+                read_done=seen.time,
+                write_done=float(run.write_done[index]),
+                observation=seen,
+                goal=goal,
+                interventions=Interventions(),
+                hops=hops,
+                contact=contact,
+            )
+        )
+    recorder.advance(run.write_done[-1] - origin + run.control_period)
+    outcome = twin.outcome
+    twin.close()
+    return recorder.replay(ticks, outcome)
+
+
+def _pose(twin: TwinLamp, angle: Array) -> None:
+    """Put the joints where the lamp's first readings found them; one that never answered stays neutral."""
+    for joint, readings in enumerate(angle.T):
+        known = readings[np.isfinite(readings)]
+        if known.size:
+            twin.body.data.qpos[twin.twin.qpos[joint]] = known[0]
+
+
+class _HopCounter:
+    """Counts the twin's hops with the lamp's own code, from the start of phase "run"."""
+
+    def __init__(self, run: Run, lamp: Lamp) -> None:
+        limits = SignalLimits(run.control_period, lamp.contact_on, lamp.contact_off)
+        self._signals = Signals(1, len(lamp.joints), limits, ())
+        self._run = run
+
+    def count(self, index: int, angle: Array, force: float) -> tuple[int, bool]:
+        """Return hops so far and whether the foot is on the ground, after one more tick."""
+        if self._run.phase[index] == "run":
+            self._signals.update(angle[None], np.array([force]), np.zeros(1))
+        return int(self._signals.hops[0]), bool(self._signals.contact[0])
+
+
+class _Recorder:
+    """Steps the twin and keeps every physics step."""
+
+    def __init__(self, twin: TwinLamp, origin: float) -> None:
+        self._twin = twin
+        self._origin = origin
+        self._rows: list[Array] = []
+
+    def record(self) -> None:
+        body = self._twin.body
+        self._rows.append(np.concatenate(([self._twin.time, *body.base, body.force], body.data.qpos)))
+
+    def advance(self, time: float) -> None:
+        step = self._twin.twin.timestep
+        while self._twin.time < time - step / 2:
+            self._twin.advance_to(self._twin.time + step)
+            self.record()
+
+    def replay(self, ticks: Sequence[Tick], outcome: Outcome) -> Replay:
+        rows, twin = np.array(self._rows), self._twin.twin
+        return Replay(
+            twin=twin,
+            time=rows[:, 0] + self._origin,
+            angle=rows[:, 5 + twin.qpos],
+            base_x=rows[:, 1],
+            base_z=rows[:, 2],
+            pitch=rows[:, 3],
+            force=rows[:, 4] * twin.foot_gain,
+            qpos=rows[:, 5:],
+            ticks=ticks,
+            outcome=outcome,
+        )

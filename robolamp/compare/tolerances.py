@@ -1,0 +1,52 @@
+"""Tolerances (calibration/tolerances/*.toml): how far the lamp may be from its twin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from robolamp.assets import Assets
+from robolamp.files import Table, read_toml
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """Largest differences that count as inside.
+
+    Attributes:
+        name: Their name.
+        joint_mae: Each joint's mean absolute error once the lag is removed [rad].
+        lag: Each joint's lag, either way [s].
+        travel: Difference of the base's travel, where it is known [m].
+        path: The file.
+    """
+
+    name: str
+    joint_mae: float
+    lag: float
+    travel: float
+    path: Path
+
+
+def load_tolerances(assets: Assets, name: str | Path = "default") -> Tolerances:
+    """Read a tolerances file.
+
+    Args:
+        assets: Where to look.
+        name: A path, or the name of a file in calibration/tolerances/.
+
+    Raises:
+        FileError: The file is missing or malformed, or a value is outside its legal range.
+    """
+    path = assets.named(name, "calibration/tolerances", "tolerances file")
+    root = Table(read_toml(path), str(path))
+    root.integer("schema", 1, 1)
+    tolerances = Tolerances(
+        name=root.text("name"),
+        joint_mae=root.number("joint_mae", 0.0, 3.0, "rad"),
+        lag=root.number("lag", 0.0, 1.0, "s"),
+        travel=root.number("travel", 0.0, 10.0, "m"),
+        path=path,
+    )
+    root.done()
+    return tolerances

@@ -1,0 +1,68 @@
+"""The run's context: the texts that a log keeps beside its messages, so that it explains itself years later."""
+
+from __future__ import annotations
+
+import platform
+import shlex
+import sys
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+
+from robolamp.calibration import Calibration
+from robolamp.lamp import Lamp
+
+BACKENDS = ("twin", "emulator", "lamp")
+"""What a log may come from."""
+
+_PACKAGES = ("robolamp", "mujoco", "numpy", "dynamixel-sdk", "mcap")
+
+
+def versions() -> str:
+    """Return the versions of Python and of the packages that a run depends on, as "python 3.11.7, mujoco 4.0.0"."""
+    found = [f"python {platform.python_version()}"]
+    for package in _PACKAGES:
+        try:
+            found.append(f"{package} {version(package)}")
+        except PackageNotFoundError:
+            continue
+    return ", ".join(found)
+
+
+def run_context(
+    *,
+    backend: str,
+    lamp: Lamp,
+    calibration: Calibration,
+    controller: str,
+    controller_name: str,
+    terminals: Sequence[str],
+    goal: float,
+    control_period: float,
+) -> dict[str, str]:
+    """Return the context of a run for `LogWriter`.
+
+    Args:
+        backend: What is being driven, one of BACKENDS.
+        lamp: The lamp's description.
+        calibration: The calibration in force.
+        controller: The controller file's text.
+        controller_name: Its name.
+        terminals: Names of the controller's terminals, in the order of the ticks' `inputs`.
+        goal: Where to go [m].
+        control_period: Time from tick to tick [s].
+    """
+    return {
+        "backend": backend,
+        "lamp": lamp.source,
+        "lamp_name": lamp.name,
+        "calibration": calibration.source,
+        "calibration_name": calibration.name,
+        "calibration_hash": calibration.hash,
+        "controller": controller,
+        "controller_name": controller_name,
+        "terminals": " ".join(terminals),
+        "goal_m": repr(float(goal)),
+        "control_period": repr(float(control_period)),
+        "versions": versions(),
+        "command": shlex.join(sys.argv),
+    }

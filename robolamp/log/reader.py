@@ -1,0 +1,310 @@
+"""Reads a log into numpy arrays: a run (twin, emulated or physical lamp), or the truth of an emulated one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robolamp.errors import FileError
+from robolamp.log.schemas import (
+    EVENT,
+    JOINT_STATE,
+    LAMP_PREFIX,
+    METADATA,
+    TICK,
+    TRUTH,
+    TRUTH_BASE_TOPIC,
+    TRUTH_JOINTS_TOPIC,
+)
+from robolamp.log.stream import Contents, read_contents
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class Run:
+    """A run of N ticks of a lamp with n joints. Times are on the run's own clock [s]; a missing value is NaN.
+
+    Attributes:
+        path: The log.
+        context: The run's context (see `robolamp.log.context`).
+        truncated: Whether the log ends early (the process was killed) or is damaged.
+        joints: Joint names, from the foot up.
+        log_time: When the goals were sent, shape (N,) [ns since the epoch].
+        index: Tick numbers, shape (N,).
+        phase: "start", "run" or "landing", shape (N,).
+        scheduled: When each tick was due, shape (N,) [s].
+        began: When it began, shape (N,) [s].
+        read_done: When the sensors had been read, shape (N,) [s].
+        write_done: When the goals had been sent, shape (N,) [s].
+        measured_at: Time stamp of the measurements, shape (N,) [s].
+        goal: Goals sent, shape (N, n) [rad].
+        angle: Measured joint angles, shape (N, n) [rad].
+        velocity: Measured joint velocities, shape (N, n) [rad/s].
+        current: Measured currents, shape (N, n) [A].
+        angle_age: Age of the angles, shape (N, n) [s].
+        foot_force: Floor force on the foot, shape (N,) [N].
+        foot_age: Age of the foot force, shape (N,) [s].
+        contact: Whether the foot is on the ground, shape (N,).
+        hops: Hops counted so far, shape (N,).
+        voltage: Supply voltage at the servos, shape (N, n) [V].
+        temperature: Shape (N, n) [degC].
+        pwm: Duty, shape (N, n), -1 to 1.
+        torque: Torque enable, shape (N, n); -1 unknown.
+        hardware_error: Hardware error bits, shape (N, n); -1 unknown.
+        inputs: The controller's terminals, shape (N, k); NaN outside phase "run".
+        outputs: The controller's raw outputs, shape (N, n) [rad]; NaN outside phase "run".
+        interventions: Running totals of the envelope (not finite, limited, slewed), shape (N, 3).
+        faults: Faults of each tick.
+        events: (ns since the epoch, level, text) of what happened between ticks.
+    """
+
+    path: Path
+    context: dict[str, str]
+    truncated: bool
+    joints: tuple[str, ...]
+    log_time: NDArray[np.int64]
+    index: NDArray[np.int64]
+    phase: NDArray[np.str_]
+    scheduled: Array
+    began: Array
+    read_done: Array
+    write_done: Array
+    measured_at: Array
+    goal: Array
+    angle: Array
+    velocity: Array
+    current: Array
+    angle_age: Array
+    foot_force: Array
+    foot_age: Array
+    contact: NDArray[np.bool_]
+    hops: NDArray[np.int64]
+    voltage: Array
+    temperature: Array
+    pwm: Array
+    torque: NDArray[np.int64]
+    hardware_error: NDArray[np.int64]
+    inputs: Array
+    outputs: Array
+    interventions: NDArray[np.int64]
+    faults: list[tuple[str, ...]]
+    events: list[tuple[int, str, str]]
+
+    @property
+    def terminals(self) -> tuple[str, ...]:
+        """Names of the controller's terminals, in the order of `inputs`; empty where the log does not say."""
+        return tuple(self.context.get("terminals", "").split())
+
+    @property
+    def control_period(self) -> float:
+        """Time from tick to tick [s]: as the context says, else the median of the schedule; NaN for one tick."""
+        try:
+            return float(self.context["control_period"])
+        except (KeyError, ValueError):
+            return float(np.median(np.diff(self.scheduled))) if self.scheduled.size > 1 else math.nan
+
+    @property
+    def goal_m(self) -> float:
+        """Where the lamp was sent [m]; NaN where the log does not say."""
+        try:
+            return float(self.context["goal_m"])
+        except (KeyError, ValueError):
+            return math.nan
+
+    @property
+    def missed_ticks(self) -> int:
+        """Slots of the schedule, from the first tick to the last, in which no tick ran."""
+        if self.scheduled.size < 2:
+            return 0
+        slots = round((self.scheduled[-1] - self.scheduled[0]) / self.control_period) + 1
+        return max(0, slots - self.scheduled.size)
+
+    @property
+    def sampled_at(self) -> Array:
+        """When each angle was sampled, shape (N, n) [s]: the middle of its read, of which the log has begin and end."""
+        read = self.measured_at[:, None] - self.angle_age
+        return read - np.maximum(read - self.began[:, None], 0.0) / 2
+
+    def at(self, log_time: NDArray[np.int64]) -> Array:
+        """Return wall-clock stamps as times on the run's clock [s].
+
+        Args:
+            log_time: Nanoseconds since the epoch.
+        """
+        return self.write_done[0] + (log_time - self.log_time[0]) * 1e-9
+
+
+@dataclass
+class Truth:
+    """What the emulated lamp truly did, M samples.
+
+    Attributes:
+        path: The log.
+        truncated: Whether it ends early.
+        joints: Joint names.
+        log_time: Shape (M,) [ns since the epoch].
+        angle: True joint angles, shape (M, n) [rad].
+        velocity: Shape (M, n) [rad/s].
+        torque: Motor torques, shape (M, n) [Nm].
+        base_x: The base centre along the floor, shape (M,) [m].
+        base_z: Its height, shape (M,) [m].
+        pitch: Lean from upright, shape (M,) [rad].
+        clearance: Lowest point of the foot above the floor, shape (M,) [m].
+        force: Floor force on the foot, shape (M,) [N].
+        fallen: Shape (M,).
+    """
+
+    path: Path
+    truncated: bool
+    joints: tuple[str, ...]
+    log_time: NDArray[np.int64]
+    angle: Array
+    velocity: Array
+    torque: Array
+    base_x: Array
+    base_z: Array
+    pitch: Array
+    clearance: Array
+    force: Array
+    fallen: NDArray[np.bool_]
+
+
+def read_run(path: Path | str, prefix: str = LAMP_PREFIX) -> Run:
+    """Read a run; a log whose writer was killed gives every tick that was flushed.
+
+    Args:
+        path: The log.
+        prefix: First part of the topics: "/lamp", or "/twin" for a replay.
+
+    Raises:
+        FileError: The file cannot be read, is not MCAP, is not a log of robolamp's, or holds no ticks.
+    """
+    contents = read_contents(Path(path))
+    ticks = contents.topic(f"{prefix}/tick", TICK)
+    goals = contents.topic(f"{prefix}/goals", JOINT_STATE)
+    measured = contents.topic(f"{prefix}/measured", JOINT_STATE)
+    count = min(len(ticks), len(goals), len(measured))
+    messages = [message for _, message in ticks[:count]]
+    joints = tuple(goals[0][1].name)
+    table = _Table(contents, messages, len(joints))
+    sent = _Table(contents, [message for _, message in goals[:count]], len(joints))
+    seen = _Table(contents, [message for _, message in measured[:count]], len(joints))
+    return Run(
+        path=Path(path),
+        context=contents.metadata.get(METADATA, {}),
+        truncated=contents.truncated,
+        joints=joints,
+        log_time=np.array([log_time for log_time, _ in ticks[:count]], dtype=np.int64),
+        index=table.integers("index"),
+        phase=np.array([message.phase for message in messages], dtype=np.str_),
+        scheduled=table.numbers("scheduled"),
+        began=table.numbers("began"),
+        read_done=table.numbers("read_done"),
+        write_done=table.numbers("write_done"),
+        measured_at=table.numbers("measured_at"),
+        goal=sent.rows("position"),
+        angle=seen.rows("position"),
+        velocity=seen.rows("velocity"),
+        current=seen.rows("effort"),
+        angle_age=table.rows("angle_age"),
+        foot_force=table.numbers("foot_force"),
+        foot_age=table.numbers("foot_age"),
+        contact=table.numbers("contact").astype(np.bool_),
+        hops=table.integers("hops"),
+        voltage=table.rows("voltage"),
+        temperature=table.rows("temperature"),
+        pwm=table.rows("pwm"),
+        torque=table.flags("torque"),
+        hardware_error=table.flags("hardware_error"),
+        inputs=table.ragged("inputs"),
+        outputs=table.ragged("outputs"),
+        interventions=np.stack([table.integers(name) for name in ("not_finite", "limited", "slewed")], axis=1),
+        faults=[tuple(message.faults) for message in messages],
+        events=_events(contents, prefix),
+    )
+
+
+def read_truth(path: Path | str) -> Truth:
+    """Read the truth that an emulated lamp wrote (`robolamp emulate --truth LOG`).
+
+    Args:
+        path: The log.
+
+    Raises:
+        FileError: The file cannot be read, is not MCAP, or holds no truth.
+    """
+    contents = read_contents(Path(path))
+    base = contents.topic(TRUTH_BASE_TOPIC, TRUTH)
+    joints = contents.topic(TRUTH_JOINTS_TOPIC, JOINT_STATE)
+    count = min(len(base), len(joints))
+    names = tuple(joints[0][1].name)
+    table = _Table(contents, [message for _, message in base[:count]], len(names))
+    states = _Table(contents, [message for _, message in joints[:count]], len(names))
+    return Truth(
+        path=Path(path),
+        truncated=contents.truncated,
+        joints=names,
+        log_time=np.array([log_time for log_time, _ in base[:count]], dtype=np.int64),
+        angle=states.rows("position"),
+        velocity=states.rows("velocity"),
+        torque=states.rows("effort"),
+        base_x=table.numbers("base_x"),
+        base_z=table.numbers("base_z"),
+        pitch=table.numbers("pitch"),
+        clearance=table.numbers("clearance"),
+        force=table.numbers("force"),
+        fallen=table.numbers("fallen").astype(np.bool_),
+    )
+
+
+class _Table:
+    """The messages of one topic, turned into arrays field by field."""
+
+    def __init__(self, contents: Contents, messages: Sequence[Any], joints: int) -> None:
+        self._contents = contents
+        self._messages = messages
+        self._joints = joints
+
+    def numbers(self, name: str) -> Array:
+        return np.array([getattr(message, name) for message in self._messages], dtype=np.float64)
+
+    def integers(self, name: str) -> NDArray[np.int64]:
+        return np.array([getattr(message, name) for message in self._messages], dtype=np.int64)
+
+    def rows(self, name: str) -> Array:
+        """One value a joint; a message without any is a row of NaN."""
+        return self._fill(name, self._joints)
+
+    def flags(self, name: str) -> NDArray[np.int64]:
+        """One whole number a joint; a message without any is a row of -1, "unknown"."""
+        return np.nan_to_num(self._fill(name, self._joints), nan=-1.0).astype(np.int64)
+
+    def ragged(self, name: str) -> Array:
+        """As many values as the longest message has; a message without any is a row of NaN."""
+        return self._fill(name, max((len(getattr(message, name)) for message in self._messages), default=0))
+
+    def _fill(self, name: str, width: int) -> Array:
+        array = np.full((len(self._messages), width), np.nan)
+        for row, message in enumerate(self._messages):
+            values = getattr(message, name)
+            if len(values) not in (0, width):
+                raise FileError(
+                    f"message {row}: {name} has {len(values)} values, expected {width}", str(self._contents.path)
+                )
+            if len(values):
+                array[row] = values
+        return array
+
+
+def _events(contents: Contents, prefix: str) -> list[tuple[int, str, str]]:
+    topic = f"{prefix}/events"
+    if contents.types.get(topic) != EVENT:
+        return []
+    return [(log_time, message.level, message.text) for log_time, message in contents.messages.get(topic, [])]

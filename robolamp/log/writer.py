@@ -1,0 +1,217 @@
+"""Writes a log while the lamp runs: the loop hands messages over, a thread encodes them and meets the disk."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+from mcap.records import Schema
+from mcap_ros2.writer import Writer
+
+from robolamp.errors import FileError
+from robolamp.log.schemas import DEFINITIONS, EVENT, JOINT_STATE, LAMP_PREFIX, METADATA, TICK, joint_state, tick_message
+from robolamp.signals import Tick
+
+FLUSH_PERIOD = 0.5
+"""Longest time between two flushes to the operating system [s]: a killed process loses no more than this."""
+
+QUEUE_LENGTH = 4096
+"""Entries (a tick is one) that may wait for the disk: 80 s of ticks at 50 Hz."""
+
+
+class _Message(NamedTuple):
+    topic: str
+    schema: str
+    content: Mapping[str, Any]
+    log_time: int
+
+
+_PAIRS = 5
+
+
+def _monotonic_offset() -> int:
+    """Return nanoseconds since the epoch at `time.monotonic()` = 0: of several readings the least interrupted one."""
+    readings = [(time.monotonic_ns(), time.time_ns(), time.monotonic_ns()) for _ in range(_PAIRS)]
+    before, wall, after = min(readings, key=lambda reading: reading[2] - reading[0])
+    return wall - (before + after) // 2
+
+
+_END: tuple[_Message, ...] = (_Message("", "", {}, 0),)
+
+
+class LogWriter:
+    """An open log. Never raises once it is open: what goes wrong on the disk is in `error`, and the run goes on.
+
+    Entries wait in a bounded queue; the thread that empties it encodes, compresses and writes them.
+
+    Args:
+        path: The file; missing folders are made, an existing file is replaced.
+        context: The run's context, kept as the metadata record "robolamp" (see `robolamp.log.context`).
+        joints: Joint names, n of them.
+        now: The clock of the message times, read at this moment [s]: for a virtual clock. None: times are on
+            `time.monotonic()`, the robot's clock, which is matched to the epoch to a few microseconds.
+        lossless: Wait for room in the queue instead of dropping messages: for a run in virtual time.
+
+    Attributes:
+        path: The file.
+        error: Why logging stopped ("No space left on device"); empty while all is well.
+        dropped: Entries (a tick is one) that found the queue full.
+
+    Raises:
+        FileError: The file cannot be made.
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        *,
+        context: Mapping[str, str],
+        joints: Sequence[str] = (),
+        now: float | None = None,
+        lossless: bool = False,
+    ) -> None:
+        self.path = Path(path)
+        self.error = ""
+        self.dropped = 0
+        self._joints = list(joints)
+        self._offset = _monotonic_offset() if now is None else time.time_ns() - round(now * 1e9)
+        self._lossless = lossless
+        self._queue: queue.Queue[tuple[_Message, ...]] = queue.Queue(QUEUE_LENGTH)
+        self._closed = False
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._stream = self.path.open("wb")
+        except OSError as error:
+            raise FileError(f"cannot be written: {error.strerror or error}", str(self.path)) from None
+        try:
+            self._writer = Writer(self._stream)
+            self._writer.add_metadata(METADATA, {**context, "epoch_offset_ns": str(self._offset)})
+            self._schemas: dict[str, Schema] = {}
+            self._stream.flush()
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                self._stream.close()
+            raise FileError(f"cannot be written: {error.strerror or error}", str(self.path)) from None
+        self._thread = threading.Thread(target=self._write, name="log", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> LogWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def log_time(self, seconds: float) -> int:
+        """Return a time of the run's clock as nanoseconds since the epoch.
+
+        Args:
+            seconds: Time on the clock that the log was opened with [s].
+        """
+        return self._offset + round(seconds * 1e9)
+
+    def tick(self, tick: Tick, prefix: str = LAMP_PREFIX) -> None:
+        """Log one tick: goals, measurements and the rest, three messages.
+
+        Args:
+            tick: What happened; copied before this returns.
+            prefix: First part of the topics: "/lamp", or "/twin" for a replay.
+        """
+        seen = tick.observation
+        sent, measured = self.log_time(tick.write_done), self.log_time(seen.time)
+        goals = joint_state(self._joints, tick.goal.tolist(), log_time=sent)
+        states = joint_state(
+            self._joints, seen.angle.tolist(), seen.velocity.tolist(), seen.current.tolist(), log_time=measured
+        )
+        self._put(
+            _Message(f"{prefix}/measured", JOINT_STATE, states, measured),
+            _Message(f"{prefix}/goals", JOINT_STATE, goals, sent),
+            _Message(f"{prefix}/tick", TICK, tick_message(tick), sent),
+        )
+
+    def event(self, level: str, text: str, at: float | None = None) -> None:
+        """Log something that happened between ticks.
+
+        Args:
+            level: "info", "warning" or "error".
+            text: One line.
+            at: When, on the run's clock [s]; None: now.
+        """
+        moment = time.time_ns() if at is None else self.log_time(at)
+        self._put(_Message(f"{LAMP_PREFIX}/events", EVENT, {"level": level, "text": text}, moment))
+
+    def message(self, topic: str, schema: str, content: Mapping[str, Any], at: float) -> None:
+        """Log a message of any known type.
+
+        Args:
+            topic: The topic, as "/truth/base".
+            schema: The message type, a key of `robolamp.log.schemas.DEFINITIONS`.
+            content: The fields; must not be changed afterwards.
+            at: When, on the clock that the log was opened with [s].
+        """
+        self._put(_Message(topic, schema, content, self.log_time(at)))
+
+    def close(self) -> None:
+        """Write what waits, finish the file and end the thread. May be called twice."""
+        if self._closed:
+            return
+        self._closed = True
+        self._queue.put(_END)
+        self._thread.join()
+
+    def _put(self, *entry: _Message) -> None:
+        if self._closed or self.error:
+            return
+        try:
+            self._queue.put(entry, block=self._lossless)
+        except queue.Full:
+            self.dropped += 1
+
+    def _write(self) -> None:
+        try:
+            flushed = time.monotonic()
+            while (entry := self._next(flushed + FLUSH_PERIOD)) is not _END:
+                for message in entry:
+                    self._encode(message)
+                if time.monotonic() - flushed >= FLUSH_PERIOD:
+                    flushed = time.monotonic()
+                    self._writer._writer.flush()  # the ROS 2 writer has no flush of its own
+            self._finish()
+        except OSError as error:
+            self._give_up(error.strerror or str(error))
+        except Exception as error:  # a run must not end because its log cannot be encoded
+            self._give_up(f"{type(error).__name__}: {error}")
+
+    def _next(self, deadline: float) -> tuple[_Message, ...]:
+        try:
+            return self._queue.get(timeout=max(0.0, deadline - time.monotonic()))
+        except queue.Empty:
+            return ()
+
+    def _encode(self, message: _Message) -> None:
+        schema = self._schemas.get(message.schema)
+        if schema is None:
+            schema = self._writer.register_msgdef(message.schema, DEFINITIONS[message.schema])
+            self._schemas[message.schema] = schema
+        self._writer.write_message(message.topic, schema, message.content, message.log_time)
+
+    def _finish(self) -> None:
+        if self.dropped:
+            text = f"{self.dropped} log entries dropped: the disk did not keep up"
+            self._encode(_Message(f"{LAMP_PREFIX}/events", EVENT, {"level": "warning", "text": text}, time.time_ns()))
+        self._writer.finish()
+        self._stream.close()
+
+    def _give_up(self, reason: str) -> None:
+        self.error = reason
+        with contextlib.suppress(OSError):
+            self._stream.close()
+        while self._next(time.monotonic() + FLUSH_PERIOD) is not _END:  # let nobody wait on a full queue
+            pass

@@ -1,0 +1,204 @@
+"""Killed writers, full disks, damaged files, files that are something else."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap_ros2.writer import Writer
+
+from robolamp.errors import FileError
+from robolamp.log import writer as writer_module
+from robolamp.log.reader import read_run, read_truth
+from robolamp.log.writer import LogWriter
+
+from .ticks import JOINTS, make_tick
+
+HERE = Path(__file__).parent
+
+CHILD = """
+import sys, time
+from pathlib import Path
+sys.path.insert(0, {here!r})
+from robolamp.log.writer import LogWriter
+from ticks import JOINTS, make_tick
+log = LogWriter(Path({path!r}), context={{"goal_m": "0.3", "control_period": "0.02"}}, joints=JOINTS, now=100.0)
+begin = time.monotonic()
+for index in range(10_000):
+    log.tick(make_tick(index))
+    print(index, flush=True)
+    time.sleep(max(0.0, begin + (index + 1) * 0.02 - time.monotonic()))
+"""
+
+
+@pytest.mark.parametrize("seconds", [0.75, 1.9])
+def test_kill_9_loses_at_most_a_second(tmp_path, seconds):
+    path = tmp_path / "run.mcap"
+    code = CHILD.format(here=str(HERE), path=str(path))
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "0\n"
+        time.sleep(seconds)
+        os.kill(child.pid, signal.SIGKILL)
+        written = [int(line) for line in child.stdout.read().split()]
+    run = read_run(path)
+    assert run.truncated
+    assert run.context["goal_m"] == "0.3"
+    assert run.index.tolist() == list(range(run.index.size))
+    assert written[-1] + 1 - run.index.size <= 50
+    np.testing.assert_array_equal(run.goal[-1], make_tick(int(run.index[-1])).goal)
+
+
+def many_chunks(path: Path, count: int) -> Path:
+    period = writer_module.FLUSH_PERIOD
+    try:
+        writer_module.FLUSH_PERIOD = 0.001  # many small chunks
+        with LogWriter(path, context={"goal_m": "0.3"}, joints=JOINTS, now=100.0) as log:
+            for index in range(count):
+                log.tick(make_tick(index))
+                time.sleep(0.0015)
+    finally:
+        writer_module.FLUSH_PERIOD = period
+    return path
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return many_chunks(tmp_path_factory.mktemp("log") / "run.mcap", 40)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(share=st.floats(0.1, 1.0))
+def test_a_cut_anywhere_gives_the_ticks_before_it(tmp_path, whole, share):
+    data = whole.read_bytes()
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(data[: int(share * (len(data) - 1))])
+    run = read_run(path)
+    assert run.truncated
+    assert run.index.tolist() == list(range(run.index.size))
+    assert run.index.size >= min(40, int(40 * share) - 4)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(place=st.floats(0.0, 1.0), flip=st.integers(1, 255))
+def test_a_damaged_byte_gives_true_ticks_or_one_line(tmp_path, whole, place, flip):
+    damaged = bytearray(whole.read_bytes())
+    damaged[int(place * (len(damaged) - 1))] ^= flip
+    path = tmp_path / "damaged.mcap"
+    path.write_bytes(damaged)
+    try:
+        run = read_run(path)
+    except FileError as error:
+        line = str(error)
+    else:
+        line = str(path)
+        for row, index in enumerate(run.index):
+            np.testing.assert_array_equal(run.goal[row], make_tick(int(index)).goal)
+    assert line.startswith(str(path))
+    assert "\n" not in line
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.binary(max_size=300), st.booleans())
+def test_any_bytes_are_refused_in_one_line(tmp_path, garbage, magic):
+    path = tmp_path / "garbage.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n" + garbage if magic else garbage)
+    with pytest.raises(FileError) as caught:
+        read_run(path)
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+def test_a_missing_file_and_a_folder(tmp_path):
+    with pytest.raises(FileError, match="No such file"):
+        read_run(tmp_path / "none.mcap")
+    with pytest.raises(FileError, match="directory"):
+        read_run(tmp_path)
+
+
+def test_a_log_without_ticks_says_what_it_has(tmp_path):
+    with LogWriter(tmp_path / "run.mcap", context={}, joints=JOINTS) as log:
+        log.event("info", "nothing happened")
+    with pytest.raises(FileError, match=r"no /lamp/tick messages; it has /lamp/events"):
+        read_run(tmp_path / "run.mcap")
+    with pytest.raises(FileError, match=r"no /truth/base messages"):
+        read_truth(tmp_path / "run.mcap")
+
+
+def test_a_strangers_topic_of_the_same_name(tmp_path):
+    path = tmp_path / "run.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        schema = writer.register_msgdef("other_msgs/msg/Tick", "float64 x\n")
+        writer.write_message("/lamp/tick", schema, {"x": 1.0}, 1)
+        writer.finish()
+    with pytest.raises(FileError, match="other_msgs/msg/Tick, expected robolamp_msgs/msg/Tick"):
+        read_run(path)
+
+
+def test_a_place_that_cannot_be_written(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FileError, match="cannot be written"):
+        LogWriter(tmp_path / "file" / "run.mcap", context={})
+    with pytest.raises(FileError, match="cannot be written"):
+        LogWriter(tmp_path, context={})
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_at_the_start():
+    with pytest.raises(FileError, match="No space left"):
+        LogWriter("/dev/full", context={"a": "b"})
+
+
+def test_a_disk_that_fills_up_stops_the_log_and_not_the_run(tmp_path):
+    code = f"""
+import resource, signal, sys, threading, time
+sys.path.insert(0, {str(HERE)!r})
+from robolamp.log.writer import LogWriter
+from ticks import JOINTS, make_tick
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (4000, 4000))
+log = LogWriter({str(tmp_path / "run.mcap")!r}, context={{}}, joints=JOINTS, now=100.0, lossless=True)
+for index in range(20_000):
+    log.tick(make_tick(index))
+log.close()
+print(log.error, "|", index, "|", threading.active_count())
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert done.stderr == ""
+    assert done.stdout == "File too large | 19999 | 1\n"
+
+
+def test_a_slow_disk_drops_and_says_so(tmp_path, monkeypatch):
+    monkeypatch.setattr(writer_module, "QUEUE_LENGTH", 5)
+    log = LogWriter(tmp_path / "run.mcap", context={}, joints=JOINTS, now=100.0)
+    slow = log._encode
+    monkeypatch.setattr(log, "_encode", lambda message: (time.sleep(0.01), slow(message)))
+    for index in range(30):
+        log.tick(make_tick(index))
+    log.close()
+    run = read_run(tmp_path / "run.mcap")
+    assert log.dropped == 30 - run.index.size > 0
+    [(_, level, text)] = run.events
+    assert (level, text) == ("warning", f"{log.dropped} log entries dropped: the disk did not keep up")
+
+
+def test_closing_twice_and_writing_after_leaves_nothing_open(tmp_path):
+    threads, files = threading.active_count(), len(list(Path("/proc/self/fd").iterdir()))
+    log = LogWriter(tmp_path / "run.mcap", context={}, joints=JOINTS, now=100.0)
+    log.tick(make_tick(0))
+    log.close()
+    log.close()
+    log.tick(make_tick(1))
+    assert threading.active_count() == threads
+    assert len(list(Path("/proc/self/fd").iterdir())) == files
+    assert read_run(tmp_path / "run.mcap").index.tolist() == [0]
