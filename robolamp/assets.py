@@ -75,7 +75,11 @@ class Assets:
             FileError: Neither a file nor a known name; the message lists the known ones.
         """
         path = Path(name)
-        if path.is_file():
+        try:
+            exists = path.is_file()
+        except OSError as error:  # such as a name that is too long
+            raise FileError(f"cannot be read: {error.strerror}", str(name)) from None
+        if exists:
             return path
         if path.parent == Path() and path.suffix in ("", ".toml"):
             for root in self.roots():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import sys
 import tempfile
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -67,7 +68,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     """
     try:
         return tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # also: an integer of thousands of digits, endless nesting
         raise FileError(f"not valid TOML: {error}", str(path)) from None
 
 
@@ -135,7 +136,8 @@ class Table:
         value = self._get(key, expected, default)
         if value is default and default is not ...:
             return value
-        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        legal = isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high
+        if not legal or abs(value) > sys.float_info.max:
             raise self.fail(key, f"{value!r} is not {expected}")
         return float(value)
 

@@ -1,4 +1,4 @@
-"""The envelope: what a controller asks for, made safe to send. The same code on many lanes of the twin and on the lamp."""
+"""The envelope: what a controller asks for, made safe to send; one code for the lanes of the twin and for the lamp."""
 
 from __future__ import annotations
 

@@ -65,16 +65,21 @@ class Pilot:
         Args:
             goal: What the joints are holding, shape (n,) [rad].
         """
+        self._tick = -1
         self._signals = Signals(1, self._n, self._limits, self.terminals)
         self._envelope = Envelope(self._lamp.lower, self._lamp.upper, self._lamp.slew, self._limits.period, goal[None])
 
-    def step(self, observation: Observation) -> PilotStep:
+    def step(self, observation: Observation, time: float) -> PilotStep:
         """Return the goals for one tick.
 
         Args:
             observation: What was measured; missing values (NaN) keep their last.
+            time: Since the run began, by the schedule [s]; ticks that were missed are counted by it.
         """
-        inputs = self._signals.update(observation.angle[None], np.array([observation.foot_force]), self._goal)[0]
+        force = np.array([observation.foot_force])
+        tick = round(time / self._limits.period)
+        inputs = self._signals.update(observation.angle[None], force, self._goal, elapsed=tick - self._tick)[0]
+        self._tick = tick
         outputs = np.array(self._program.run(inputs.tolist()))
         goal = self._envelope.apply(outputs[None])[0]
         envelope = self._envelope

@@ -1,9 +1,9 @@
 """Programs: expressions flattened for a stack machine, with two interpreters that agree to the bit.
 
 A program is a list of operation codes in reverse prefix order: constants and terminals push, a primitive pops its
-arguments (the first one on top) and pushes its value. `Program.run` evaluates one lane in Python, so that a lamp needs no
-compiler; `ProgramSet.run` evaluates many lanes with numba. Both do the same IEEE double operations in the same order;
-both branches of `ifltz` are evaluated, which changes nothing because expressions have no side effects.
+arguments (the first one on top) and pushes its value. `Program.run` evaluates one lane in Python, so that a lamp needs
+no compiler; `ProgramSet.run` evaluates many lanes with numba. Both do the same IEEE double operations in the same
+order; both branches of `ifltz` are evaluated, which changes nothing because expressions have no side effects.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def compile_program(expressions: Sequence[Expression], terminals: Sequence[str])
     for expression in expressions:
         height = 0
         for token in reversed(expression.tokens):
-            if isinstance(token, float):
+            if not isinstance(token, str):
                 code.append(_CONSTANT)
                 operand.append(token)
                 height += 1

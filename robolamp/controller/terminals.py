@@ -1,6 +1,6 @@
 """Terminals: the signals that controllers read, derived from what was measured by ONE piece of code.
 
-`Signals` runs over many lanes in the twin and over one lane on the lamp, so a controller meets the same numbers in both.
+`Signals` runs over many lanes in the twin and over one lane on the lamp: a controller meets the same numbers in both.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ def on_board_terminals(joints: int) -> tuple[str, ...]:
     """Terminals that the servos and one foot sensor can supply.
 
     t [s]; a0.. joint angles [rad], from the foot up; w0.. joint velocities [rad/s]; s0 floor force on the foot [N];
-    contact 1 or 0; air_time and ground_time since the last change of contact [s]; hops so far; goal_dist as commanded [m].
+    contact 1 or 0; air_time and ground_time since the last change of contact [s]; hops so far; goal_dist as
+    commanded [m].
 
     Args:
         joints: Number of joints.
@@ -79,7 +80,7 @@ class Signals:
         self._air = np.zeros(lanes)
         self._ground = np.zeros(lanes)
         self.hops = np.zeros(lanes)
-        self._ticks = 0
+        self._tick = -1
 
     def update(
         self,
@@ -87,6 +88,7 @@ class Signals:
         force: NDArray[np.float64],
         goal: NDArray[np.float64],
         base: NDArray[np.float64] | None = None,
+        elapsed: int = 1,
     ) -> NDArray[np.float64]:
         """Take one tick's measurements and return the terminals' values.
 
@@ -95,25 +97,27 @@ class Signals:
             force: Foot force, shape (lanes,) [N].
             goal: Commanded distances, shape (lanes,) [m].
             base: For the twin alone: px py pz vx vy vz goal_met, shape (lanes, 7); None on the lamp.
+            elapsed: Control periods since the last call: more than 1 where ticks were missed.
 
         Returns:
             Terminal values, shape (lanes, terminals); overwritten by the next call.
         """
-        period = self._limits.period
+        passed = self._limits.period * elapsed
         angle = np.where(np.isnan(angle), self._angle, angle)
-        if self._ticks:
-            self._velocity = (angle - self._angle) / period
+        if self._tick >= 0:
+            self._velocity = (angle - self._angle) / passed
         self._angle = angle
         self._force = np.where(np.isnan(force), self._force, force)
         before = self.contact
         self.contact = self._force > np.where(before, self._limits.contact_off, self._limits.contact_on)
-        if self._ticks:
+        if self._tick >= 0:
             landed = self.contact & ~before
-            self.hops = self.hops + (landed & (self._air >= AIR_TIME_OF_A_HOP - period / 4))
+            self.hops = self.hops + (landed & (self._air >= AIR_TIME_OF_A_HOP - self._limits.period / 4))
             same = self.contact == before
-            self._air = np.where(self.contact, 0.0, np.where(same, self._air + period, period))
-            self._ground = np.where(self.contact, np.where(same, self._ground + period, period), 0.0)
-        self._set("t", self._ticks * period)
+            self._air = np.where(self.contact, 0.0, np.where(same, self._air + passed, passed))
+            self._ground = np.where(self.contact, np.where(same, self._ground + passed, passed), 0.0)
+        self._tick += elapsed
+        self._set("t", self._tick * self._limits.period)
         for joint in range(angle.shape[1]):
             self._set(f"a{joint}", angle[:, joint])
             self._set(f"w{joint}", self._velocity[:, joint])
@@ -126,7 +130,6 @@ class Signals:
         if base is not None:
             for index, name in enumerate(TWIN_ONLY):
                 self._set(name, base[:, index])
-        self._ticks += 1
         return self.values
 
     def _set(self, name: str, value: NDArray[np.float64] | NDArray[np.bool_] | float) -> None:

@@ -72,6 +72,14 @@ class Body:
         return self.data.qfrc_actuator[self._twin.dof]
 
     @property
+    def current(self) -> NDArray[np.float64]:
+        """Currents drawn from the supply, shape (n,) [A]: duty times the winding's, as an XL330 reports them."""
+        servos = self._twin.servos
+        winding = self.torque / servos.torque_constant
+        voltage = servos.resistance * winding + servos.torque_constant * self.velocity
+        return np.clip(np.abs(voltage) / self._twin.voltage, 0.0, 1.0) * winding
+
+    @property
     def force(self) -> float:
         """True floor force on the foot [N]."""
         return float(self.data.sensordata[self._twin.foot_sensor])

@@ -1,11 +1,12 @@
 """The fleet: many lamps at once, each lane with its own program, goal and (if wanted) its own bent lamp.
 
-A worker thread for each core owns a `mujoco.batch.Batch` over its share of the lanes, so that no barrier is met inside a
-tick. Lanes do not touch each other: results are the same to the bit for any number of workers.
+A worker thread for each core owns a `mujoco.batch.Batch` over its share of the lanes, so that no barrier is met inside
+a tick. Lanes do not touch each other: results are the same to the bit for any number of workers.
 """
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from robolamp.controller.envelope import Envelope
 from robolamp.controller.program import Program, ProgramSet
 from robolamp.controller.terminals import TWIN_ONLY, SignalLimits, Signals
+from robolamp.errors import RobolampError
 from robolamp.twin.body import Body
 from robolamp.twin.judge import Judge, Outcome
 from robolamp.twin.model import TwinModel
@@ -53,11 +55,10 @@ def settle(twin: TwinModel) -> NDArray[np.float64]:
         twin: The lamp.
 
     Returns:
-        MuJoCo's integration state, shape (nstate,), with the clock at 0.
+        MuJoCo's integration state, shape (nstate,). Its clock goes on from there: the delay lines hold times.
     """
     body = Body(twin)
     body.step(round(SETTLE_TIME / twin.timestep))
-    body.data.time = 0.0
     state = np.empty(mujoco.mj_stateSize(body.model, _STATE))
     mujoco.mj_getState(body.model, body.data, state, _STATE)
     return state
@@ -121,8 +122,9 @@ class _Shard:
         warned = self.batch.warning[:, :, 1].copy()
         # The first reading: sensors describe a state only after a step, and the settled lamp stands on its foot.
         self.batch.forward()
-        alive = np.arange(lanes)
-        old = np.zeros((lanes, joints))
+        alive = every = np.arange(lanes)
+        # Goals under way on the line, the newest first: a delay may be longer than a control period.
+        line = np.zeros((1 + math.ceil(self.arrival_step.max() / self.substeps), lanes, joints))
         head, axis = self.site[:, twin.head_site, 2], self.site_axes[:, twin.head_site, 8]
         force = self.sensors[:, twin.foot_sensor]
         for _ in range(round(duration / self.period)):
@@ -133,15 +135,16 @@ class _Shard:
             inputs = signals.update(
                 measure_angle(self.qpos[:, twin.qpos]), measure_force(force, self.foot_gain), goal, base
             )
-            goals = envelope.apply(programs.run(program, inputs, wanted))
+            line[1:] = line[:-1].copy()
+            line[0] = envelope.apply(programs.run(program, inputs, wanted))
             for substep in range(self.substeps):
-                if substep <= self.arrival_step.max():
-                    self.ctrl[:] = np.where((substep >= self.arrival_step)[:, None], goals, old)
+                if substep <= (self.arrival_step % self.substeps).max():
+                    late = np.maximum(-((substep - self.arrival_step) // self.substeps), 0)
+                    self.ctrl[:] = line[late, every]
                 friction_loss(self.friction, twin.dof, self.motor, self.bias, self.qvel, self.loss)
                 self.batch.step(alive, 1)
                 self.steps += len(alive)
                 judge.step(alive, self.qpos, force, head, axis)
-            old = goals
             # A diverged lane is silently reset to the standing start; only its warning counters tell.
             unstable |= (self.batch.warning[:, :, 1] > warned).any(axis=1)
             lost = unstable & np.isnan(judge.fall_time)
@@ -160,9 +163,17 @@ class Fleet:
         twins: The lamps (variants of one model); their MuJoCo models differ in numbers only.
         period: Control period [s], a whole number of physics steps.
         workers: Threads; None: one for each core.
+
+    Raises:
+        RobolampError: The period is not a whole number of physics steps.
     """
 
     def __init__(self, twins: Sequence[TwinModel], period: float, workers: int | None = None) -> None:
+        timestep = twins[0].timestep
+        if abs(period - round(period / timestep) * timestep) > 1e-9:
+            raise RobolampError(
+                f"{period:g} s is not a whole number of physics steps of {timestep:g} s", "control_period"
+            )
         self.twins = list(twins)
         self.period = period
         self.workers = workers or len(os.sched_getaffinity(0))

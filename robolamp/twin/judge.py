@@ -171,8 +171,8 @@ class Outcome:
 
     @property
     def hit_1997(self) -> NDArray[np.bool_]:
-        """Came within 1.5 cm of the goal at some time (Gritz & Hahn 1997)."""
-        return self.nearest <= GOAL_RADIUS
+        """Came within 1.5 cm of the goal at some time (Gritz & Hahn 1997), but not by a simulation that diverged."""
+        return (self.nearest <= GOAL_RADIUS) & ~self.unstable
 
 
 class Judge:

@@ -75,6 +75,7 @@ class TwinLamp:
     def torque(self, on: bool) -> None:
         """Turn the servos' torque on (goal := present) or off."""
         if on and not self._torque:
+            self._arrivals.clear()
             self.body.set_goal(self.body.angle)
         self._torque = on
         joints = self.twin.lamp.joints
@@ -82,7 +83,7 @@ class TwinLamp:
         self.body.set_motors(gains, np.full(len(joints), self.twin.voltage), np.full(len(joints), on))
 
     def advance_to(self, time: float) -> None:
-        """Simulate until a time [s]; goals arrive after the line's delay. Until torque is on, a hand holds the lamp."""
+        """Simulate until a time [s]; goals arrive after the line's delay."""
         target = round(time / self.twin.timestep)
         while self._steps < target:
             while self._arrivals and self._arrivals[0][0] <= self._steps:
@@ -106,7 +107,7 @@ class TwinLamp:
             time=self.time,
             angle=measure_angle(self.body.angle),
             velocity=self.body.velocity,
-            current=self.body.torque / self.twin.servos.torque_constant,
+            current=self.body.current,
             angle_age=np.zeros(n),
             foot_force=float(measure_force(np.array(self.body.force), self.twin.foot_gain)),
             foot_age=0.0,

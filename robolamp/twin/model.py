@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.assets import Assets
-from robolamp.calibration import Calibration
+from robolamp.calibration import SERVO, Calibration
 from robolamp.errors import FileError
 from robolamp.lamp import Lamp
 from robolamp.twin.servo import ServoParameters, set_motor
@@ -26,7 +27,7 @@ class Bend:
         friction: Viscous, Coulomb, Stribeck and load-dependent friction, times this.
         mass: All masses and inertias, times this.
         floor: Sliding friction of the floor, times this.
-        delay: Added to the servos' delay [s].
+        delay: Added to the servos' delay, which stays within what a calibration may hold [s].
         supply: Added to the supply voltage [V].
     """
 
@@ -78,12 +79,20 @@ class TwinModel:
         return float(self.model.opt.timestep)
 
 
+def _quiet() -> None:
+    """Keep MuJoCo from writing MUJOCO_LOG.TXT into the working directory: its warning counters tell us the same."""
+    config = mujoco.MjLogConfig.get()
+    config.logto_file = False
+    config.logto_console = False
+    mujoco.MjLogConfig.set(config)
+
+
 def _bent(servos: ServoParameters, bend: Bend) -> ServoParameters:
     names = ("viscous", "coulomb", "stribeck", "load_motor", "load_external", "load_external_stribeck")
     return replace(
         servos,
         torque_constant=servos.torque_constant * bend.strength,
-        delay=np.maximum(servos.delay + bend.delay, 0.0),
+        delay=np.clip(servos.delay + bend.delay, SERVO["delay"].low, SERVO["delay"].high),
         **{name: getattr(servos, name) * bend.friction for name in names},
     )
 
@@ -111,6 +120,7 @@ def build(
         FileError: The model does not load, or lacks a joint, actuator, sensor or site that the lamp needs.
     """
     bend = bend or Bend()
+    _quiet()
     path = assets.path(lamp.model)
     try:
         spec = mujoco.MjSpec.from_file(str(path))
@@ -120,11 +130,13 @@ def build(
         spec.option.timestep = timestep
     servos = _bent(ServoParameters.of(lamp, calibration), bend)
     voltage = calibration.lamp("supply_voltage") + bend.supply
+    # A delay longer than its history would be cut short; lamps of one fleet need histories of one length.
+    samples = math.ceil(SERVO["delay"].high / spec.option.timestep)
     for index, joint in enumerate(lamp.joints):
         actuator = spec.actuator(joint.name)
         if actuator is None or spec.joint(joint.name) is None:
             raise FileError(f"no joint and actuator named {joint.name!r}, which {lamp.path} has", str(path))
-        set_motor(actuator, servos, index, joint.position_p_gain, voltage, torque=torque)
+        set_motor(actuator, servos, index, joint.position_p_gain, voltage, samples, torque=torque)
     for kind, found, name in (
         ("sensor", spec.sensor("foot_force"), "foot_force"),
         ("site", spec.site("base"), "base"),

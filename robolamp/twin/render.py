@@ -168,6 +168,31 @@ def side_view(twin: TwinModel, qpos: NDArray[np.float64], width: int, height: in
     return np.asarray(picture.resize((width, height), Image.Resampling.LANCZOS))
 
 
+def _pictures(twin: TwinModel, qpos: NDArray[np.float64], width: int, height: int, opengl: bool) -> list[Picture]:
+    if opengl:
+        try:
+            with Camera(twin, width, height) as camera:
+                return [camera.shoot(pose, "strip") for pose in qpos]
+        except RenderUnavailableError:
+            pass  # the side view needs no OpenGL
+    return [side_view(twin, pose, width, height) for pose in qpos]
+
+
+def animation(
+    twin: TwinModel, qpos: NDArray[np.float64], *, width: int = 360, height: int = 360, opengl: bool = True
+) -> list[Picture]:
+    """Return poses as the frames of an animation, the camera travelling with the lamp.
+
+    Args:
+        twin: The lamp.
+        qpos: Poses, shape (k, nq).
+        width: Of each picture [px].
+        height: Of each picture [px].
+        opengl: False: draw side views even where OpenGL is to be had.
+    """
+    return _pictures(twin, qpos, width, height, opengl)
+
+
 def strip(
     twin: TwinModel,
     qpos: NDArray[np.float64],
@@ -187,15 +212,7 @@ def strip(
         height: Of each picture [px].
         opengl: False: draw side views even where OpenGL is to be had.
     """
-    pictures: list[Picture] = []
-    if opengl:
-        try:
-            with Camera(twin, width, height) as camera:
-                pictures = [camera.shoot(pose, "strip") for pose in qpos]
-        except RenderUnavailableError:
-            pictures = []
-    if not pictures:
-        pictures = [side_view(twin, pose, width, height) for pose in qpos]
+    pictures = _pictures(twin, qpos, width, height, opengl)
     gap, foot = 4, 24
     sheet = Image.new("RGB", (len(pictures) * (width + gap) - gap, height + foot), (255, 255, 255))
     draw = ImageDraw.Draw(sheet)

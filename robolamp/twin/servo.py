@@ -1,10 +1,10 @@
 """A Dynamixel in position mode, as MuJoCo's dcmotor plus friction that MuJoCo does not have.
 
-The firmware works in voltage: V = clip(kv (goal - angle), -Vin, Vin) with kv = Kp 4096 / (2 pi) / (divisor 885) Vin, and the
-motor gives tau = K (V - K w) / R. MuJoCo's dcmotor commands torque and compensates back-EMF, so K^2/R goes back in as its
-damping gain (MuJoCo 4 documentation, XMLreference "dcmotor/controller"). Friction in the gear train grows with the load it
-carries (Duclusaud et al. 2024, "Extended friction models for the physics simulation of servo actuators", models M4 and M5):
-it is rewritten into `dof_frictionloss` before every step.
+The firmware works in voltage: V = clip(kv (goal - angle), -Vin, Vin) with kv = Kp 4096 / (2 pi) / (divisor 885) Vin,
+and the motor gives tau = K (V - K w) / R. MuJoCo's dcmotor commands torque and compensates back-EMF, so K^2/R goes
+back in as its damping gain (MuJoCo 4 documentation, XMLreference "dcmotor/controller"). Friction in the gear train
+grows with the load it carries (Duclusaud et al. 2024, "Extended friction models for the physics simulation of servo
+actuators", models M4 and M5): it is rewritten into `dof_frictionloss` before every step.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ _COUNTS_PER_RADIAN = 4096 / (2 * math.pi)  # e-manual XL330-M288-T, "Present Pos
 _PWM_COUNTS = 885  # e-manual, "PWM Limit": 885 counts are 100 %
 _OFF_RESISTANCE = 1e9  # an open circuit: no torque and, unlike 0 V, no braking [Ohm]
 _POSITION_INPUT = int(mujoco.mjtCtrlInput.mjINPUT_POS)  # the control is a goal position
-DELAY_SAMPLES = 20  # length of the actuators' history, in steps: the longest delay that a calibration may ask for
 
 
 @dataclass(frozen=True)
@@ -99,6 +98,7 @@ def set_motor(
     joint: int,
     p_gain: float,
     voltage: float,
+    samples: int,
     *,
     torque: bool = True,
 ) -> None:
@@ -110,6 +110,7 @@ def set_motor(
         joint: Which of them.
         p_gain: Position P Gain register (84).
         voltage: Supply voltage [V].
+        samples: Length of the goal's history in physics steps; must hold the longest delay.
         torque: False: Torque Enable is 0, the winding is open.
     """
     k = parameters.torque_constant[joint]
@@ -124,7 +125,7 @@ def set_motor(
     actuator.damping[0] = parameters.viscous[joint]
     actuator.armature = parameters.armature[joint]
     actuator.delay = parameters.delay[joint]
-    actuator.nsample = DELAY_SAMPLES
+    actuator.nsample = samples
 
 
 # Columns of `actuator_gainprm` that set_to_dcmotor compiles to.
@@ -166,7 +167,8 @@ def friction_loss(
 ) -> None:
     """Write each joint's friction under its present load, for many lanes.
 
-    loss = coulomb + |load_external tau_e - load_motor tau_m| + exp(-|w| / w_s) (stribeck + load_external_stribeck |tau_e|)
+    loss = coulomb + |load_external tau_e - load_motor tau_m|
+           + exp(-|w| / w_s) (stribeck + load_external_stribeck |tau_e|)
     with the motor's torque tau_m and the torque from outside (gravity, inertia) tau_e.
 
     Args:

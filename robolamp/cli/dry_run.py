@@ -1,0 +1,143 @@
+"""`robolamp dry-run`: a controller on the emulated lamp, through real serial ports."""
+
+from __future__ import annotations
+
+import contextlib
+import json as json_module
+import select
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter, validators
+from rich.console import Console
+
+from robolamp.cli.options import Setup, length
+from robolamp.cli.output import print_json
+from robolamp.errors import BusError
+
+_READY_TIMEOUT = 60.0  # the emulator compiles its friction kernel on its first start [s]
+
+
+def dry_run(
+    controller: str,
+    /,
+    *,
+    goal: str,
+    duration: Annotated[float, Parameter(validator=validators.Number(gte=0.5, lte=600))] = 5.0,
+    reality: str = "worn",
+    calibration: str = "nominal",
+    lamp: Path | None = None,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> int:
+    """Run a controller on the emulated lamp: the same loop as deploy, through real serial ports, with log and report.
+
+    Args:
+        controller: A controller file, or the name of a shipped one (hop).
+        goal: How far to go, as 0.30 (metres) or 30cm.
+        duration: How long the controller drives, in seconds.
+        reality: How the emulated lamp differs from its twin: a file, the name of one (worn), or none.
+        calibration: The twin's numbers: a file, or a name in calibration/.
+        lamp: A folder of your own lamp, laid out like robolamp's.
+        output: Folder for log, truth and report; by default a new one in runs/.
+        as_json: Print one JSON object.
+    """
+    setup = Setup.of(lamp, calibration)
+    loaded = setup.controller(controller, on_board=True)
+    distance = length(goal, "--goal")
+
+    from robolamp.cli.drive import Drive, drive, run_folder  # noqa: PLC0415 (after the arguments are checked)
+    from robolamp.compare.report import sentence  # noqa: PLC0415
+    from robolamp.compare.run import compare_log  # noqa: PLC0415
+    from robolamp.emulator.reality import load_reality  # noqa: PLC0415
+    from robolamp.log.reader import read_run, read_truth  # noqa: PLC0415
+    from robolamp.runtime.stop import StopRequest  # noqa: PLC0415
+
+    load_reality(reality, setup.lamp, setup.assets)  # refused here in one line, not by the emulator
+    folder = run_folder(output, loaded, distance)
+    log, truth_log = folder / "log.mcap", folder / "truth.mcap"
+    console = Console(quiet=as_json, highlight=False, soft_wrap=True)
+    plan = Drive(setup, loaded, distance, duration, "emulator", log)
+    with StopRequest() as stop:
+        options = ["--reality", reality, "--calibration", calibration, "--truth", str(truth_log)]
+        if lamp is not None:
+            options += ["--lamp", str(lamp)]
+        with _emulator(options) as ports:
+            console.print(
+                f"Emulated lamp (reality: {reality}) on {ports['servo_port']} and {ports['foot_port']}; "
+                f"{loaded.name} goes {distance:.2f} m."
+            )
+            result = drive(plan, ports["servo_port"], ports["foot_port"], stop, as_json)
+    truth = read_truth(truth_log)
+    run = read_run(log)
+    at = run.at(truth.log_time)
+    driven = np.flatnonzero(run.phase == "run")
+    began = run.scheduled[driven[0]] if len(driven) else run.scheduled[0]
+    during = (at >= began) & (at <= run.write_done[-1])
+    landed = float(truth.base_x[during][-1] - truth.base_x[during][0]) if during.any() else float("nan")
+    fell = bool(truth.fallen[during].any())
+    comparison = compare_log(
+        log, assets=setup.assets, calibration=setup.calibration, out=folder / "report.html", truth=truth_log
+    )
+    if as_json:
+        print_json(
+            {
+                "goal_m": distance,
+                "landed_m": landed,
+                "error_m": landed - distance,
+                "hops": result.hops,
+                "fell": fell,
+                "ended": result.ended,
+                "ticks": result.ticks,
+                "missed_ticks": result.missed_ticks,
+                "faults": result.faults,
+                "interventions": vars(result.interventions),
+                "verdict": comparison.verdict,
+                "log": log,
+                "truth": truth_log,
+                "report": comparison.report,
+            }
+        )
+    else:
+        faults = ", ".join(f"{text} (x{count})" for text, count in result.faults.items()) or "none"
+        console.print(
+            f"[bold]{'Fell' if fell else 'Landed'} at {landed * 100:.1f} cm[/bold] for a goal of {distance * 100:.1f}"
+            f" cm ({(landed - distance) * 100:+.1f} cm) after {result.hops} hops; {result.ended}"
+            f"{': ' + result.reason if result.reason else ''}.\n"
+            f"Ticks {result.ticks}, missed {result.missed_ticks}, envelope interventions"
+            f" {result.interventions.total}, faults: {faults}.\n"
+            f"Twin against emulated lamp: {sentence(comparison)}\n"
+            f"log     {log}\ntruth   {truth_log}\nreport  {comparison.report}"
+        )
+    return 0 if result.ended == "finished" and not fell else 1
+
+
+@contextlib.contextmanager
+def _emulator(options: list[str]) -> Iterator[dict[str, str]]:
+    """Start an emulated lamp in a process of its own, yield its ports, and end it."""
+    command = [sys.executable, "-m", "robolamp", "emulate", "--json", *options]
+    # A session of its own: Ctrl-C lands the lamp first, and only then is the emulator ended.
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
+    assert process.stdout is not None
+    try:
+        ready, _, _ = select.select([process.stdout], [], [], _READY_TIMEOUT)
+        line = process.stdout.readline() if ready else ""
+        try:
+            said = json_module.loads(line)
+        except ValueError:
+            said = {"error": f"did not start (it said {line.strip()!r})", "where": ""}
+        if "error" in said:
+            raise BusError(said["error"], said["where"] or "emulator")
+        yield said
+    finally:
+        process.terminate()
+        try:
+            process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        process.stdout.close()

@@ -1,0 +1,78 @@
+"""What a person sees while a lamp runs: progress, hops, force, faults, a line that rewrites itself."""
+
+from __future__ import annotations
+
+import math
+
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from robolamp.lamp import Lamp
+from robolamp.signals import Tick
+
+_EVERY = 5  # ticks between drawings: ten a second at 50 Hz
+_BAR, _FULL_FORCE = 24, 8.0  # characters, and the force that fills them: about four times the lamp's weight [N]
+_PHASES = {"start": "soft start", "run": "hopping", "landing": "soft landing"}
+
+
+class LiveView:
+    """Draws a run in the terminal; where there is none, prints its events as lines.
+
+    Args:
+        lamp: The lamp.
+        goal: Commanded distance [m].
+        duration: Length of the run phase [s].
+        quiet: Draw nothing (for `--json`).
+    """
+
+    def __init__(self, lamp: Lamp, goal: float, duration: float, quiet: bool) -> None:
+        self._console = Console(stderr=True, quiet=quiet, highlight=False)
+        self._lamp, self._goal, self._duration = lamp, goal, duration
+        self._live = Live(console=self._console, auto_refresh=False, transient=True)
+        self._drawing = self._console.is_terminal and not quiet
+        self._run_began: float | None = None
+        self._faults = 0
+
+    def __enter__(self) -> LiveView:
+        if self._drawing:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._drawing:
+            self._live.stop()
+
+    def tick(self, tick: Tick) -> None:
+        """Take a tick; draws some of them, after the goals were sent."""
+        if tick.phase == "run" and self._run_began is None:
+            self._run_began = tick.scheduled
+        self._faults += len(tick.observation.faults)
+        if self._drawing and tick.index % _EVERY == 0:
+            self._live.update(self._picture(tick), refresh=True)
+
+    def event(self, level: str, text: str) -> None:
+        """Take an event; warnings and errors stay on the screen."""
+        if level != "info" or not self._drawing:
+            style = {"warning": "yellow", "error": "red"}.get(level, "dim")
+            self._console.print(Text(f"  {text}", style=style))
+
+    def _picture(self, tick: Tick) -> Table:
+        grid = Table.grid(padding=(0, 2))
+        grid.add_column(width=12)
+        grid.add_column()
+        elapsed = 0.0 if self._run_began is None else min(tick.scheduled - self._run_began, self._duration)
+        filled = round(_BAR * elapsed / self._duration)
+        share = "█" * filled + "░" * (_BAR - filled)
+        grid.add_row(_PHASES[tick.phase], f"{share} {elapsed:4.1f} of {self._duration:.1f} s to {self._goal:.2f} m")
+        force = tick.observation.foot_force
+        pushed = round(_BAR * min(max(force, 0.0) / _FULL_FORCE, 1.0)) if math.isfinite(force) else 0
+        pressed = "▮" * pushed + "·" * (_BAR - pushed)
+        grid.add_row("foot", f"{pressed} {force:5.2f} N{'' if tick.contact else '  in the air'}")
+        angles = "  ".join(
+            f"{name} {angle:+.2f}" for name, angle in zip(self._lamp.names, tick.observation.angle, strict=True)
+        )
+        grid.add_row("joints", f"{angles} rad")
+        grid.add_row("hops", f"{tick.hops}   interventions {tick.interventions.total}   faults {self._faults}")
+        return grid

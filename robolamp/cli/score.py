@@ -1,0 +1,130 @@
+"""`robolamp score`: a controller on the twin, many goals (and lamps) at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter, validators
+from rich.console import Console
+from rich.table import Table
+
+from robolamp.cli.options import Setup, goal_range
+from robolamp.cli.output import print_json
+from robolamp.controller.terminals import all_terminals
+from robolamp.twin.fleet import Fleet, Job
+from robolamp.twin.judge import Outcome
+from robolamp.twin.model import build
+from robolamp.twin.spread import load_spread
+
+_ROWS = 12  # of the table that a person reads; --json has every goal
+
+
+def score(
+    controller: str,
+    /,
+    *,
+    goals: str = "0.05:0.60:56",
+    lamps: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
+    spread: Annotated[float, Parameter(validator=validators.Number(gte=0, lte=5))] = 1.0,
+    seed: Annotated[int, Parameter(validator=validators.Number(gte=0))] = 1,
+    duration: Annotated[float, Parameter(validator=validators.Number(gt=0.5, lte=60))] = 5.0,
+    workers: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
+    calibration: str = "nominal",
+    lamp: Path | None = None,
+    json: bool = False,
+) -> int:
+    """Score a controller on the twin: where it lands, how it gets there, whether it falls.
+
+    Parameters
+    ----------
+    controller
+        A controller file, or the name of a shipped one (hop).
+    goals
+        One goal, or LOW:HIGH:COUNT, in metres.
+    lamps
+        Instead of the calibrated lamp, this many lamps drawn from sim/tasks/spread.toml.
+    spread
+        Standard deviations of that file, times this.
+    seed
+        Which lamps are drawn.
+    duration
+        Length of each run in seconds.
+    workers
+        Threads; without it, one a core.
+    calibration
+        The twin's numbers: a file, or a name in calibration/.
+    lamp
+        A folder of your own lamp (`robolamp new`).
+    json
+        Print one JSON object: goals_m, errors_m, hops, flight_share a goal (and lamp), hits, hits_1997, falls.
+    """
+    setup = Setup.of(lamp, calibration)
+    loaded = setup.controller(controller)
+    distances = goal_range(goals, "--goals")
+    joints = len(setup.lamp.joints)
+    if lamps is None:
+        twins = [build(setup.lamp, setup.calibration, setup.assets)]
+    else:
+        rng, law = np.random.default_rng(seed), load_spread(setup.assets)
+        twins = [
+            build(setup.lamp, setup.calibration, setup.assets, law.draw(rng, joints, spread)) for _ in range(lamps)
+        ]
+    fleet = Fleet(twins, loaded.control_period, workers)
+    program = loaded.compile(all_terminals(joints))
+    jobs = [Job(0, variant, float(goal)) for variant in range(len(twins)) for goal in distances]
+    outcome = fleet.run([program], jobs, duration)
+    shape = (len(distances),) if lamps is None else (lamps, len(distances))
+    if json:
+        print_json(
+            {
+                "controller": loaded.name,
+                "goals_m": distances,
+                "errors_m": outcome.error.reshape(shape),
+                "hops": outcome.hops.astype(int).reshape(shape),
+                "flight_share": outcome.flight_share.reshape(shape),
+                "hits": int(outcome.hit.sum()),
+                "hits_1997": int(outcome.hit_1997.sum()),
+                "falls": int(outcome.fallen.sum()),
+                "runs": len(jobs),
+                "unstable": int(outcome.unstable.sum()),
+            }
+        )
+        return 0
+    _print(loaded.name, distances, outcome, len(twins), lamps is not None)
+    return 0
+
+
+def _print(name: str, distances: np.ndarray, outcome: Outcome, lamps: int, drawn: bool) -> None:
+    table = Table(title=f"{name} on the twin" + (f", {lamps} lamps" if drawn else ""), title_justify="left")
+    for column in ("goal", "median error", "worst error", "hops", "flight share", "falls", "hits"):
+        table.add_column(column, justify="right")
+    runs = len(outcome.goal)
+    error, share = outcome.error.reshape(lamps, -1), outcome.flight_share.reshape(lamps, -1)
+    hops = outcome.hops.reshape(lamps, -1)
+    fallen, hit = outcome.fallen.reshape(lamps, -1), outcome.hit.reshape(lamps, -1)
+    for index in np.unique(np.linspace(0, len(distances) - 1, _ROWS).round().astype(int)):
+        own = error[:, index]
+        table.add_row(
+            f"{distances[index] * 100:.1f} cm",
+            f"{np.median(own) * 100:+.1f} cm",
+            f"{own[np.argmax(np.abs(own))] * 100:+.1f} cm",
+            f"{np.median(hops[:, index]):.0f}",
+            _share(share[:, index]),
+            f"{fallen[:, index].sum()}",
+            f"{hit[:, index].sum()}",
+        )
+    console = Console(highlight=False)
+    console.print(table)
+    console.print(
+        f"{runs} runs: {outcome.hit.sum()} hits (at rest within 1.5 cm, upright), {outcome.hit_1997.sum()} came within"
+        f" 1.5 cm, {outcome.fallen.sum()} falls; median |error| {np.median(np.abs(outcome.error)) * 100:.1f} cm,"
+        f" median flight share {_share(outcome.flight_share)}.",
+        soft_wrap=True,
+    )
+
+
+def _share(values: np.ndarray) -> str:
+    known = values[~np.isnan(values)]
+    return f"{np.median(known):.2f}" if len(known) else "-"
