@@ -36,7 +36,7 @@ def evolve(
     workers: _Count = None,
     calibration: str = "nominal",
     lamp: Path | None = None,
-    json: bool = False,
+    as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
     """Evolve a controller on the twin and write it to OUTPUT/controller.toml.
 
@@ -61,8 +61,8 @@ def evolve(
     calibration
         The twin's numbers: a file, or a name in calibration/.
     lamp
-        A folder of your own lamp (`robolamp new`).
-    json
+        A folder of your own lamp, laid out like robolamp's (sim/, hardware/, calibration/).
+    as_json
         Print one JSON object instead of progress and prose.
     """
     setup = Setup.of(lamp, calibration)
@@ -79,7 +79,7 @@ def evolve(
         check_terminals(seeds[0], loaded.terminals(len(setup.lamp.joints)), f"--seed-from {seed_from}")
     if output.exists() and not output.is_dir():
         raise FileError("is not a folder", f"--output {output}")
-    console = Console(stderr=True, quiet=json)
+    console = Console(stderr=True, quiet=as_json)
     columns = (
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
         TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[best]}"),
@@ -100,7 +100,7 @@ def evolve(
             command=shlex.join(["robolamp", *sys.argv[1:]]), progress=show,
         )  # fmt: skip
     last = result.generations[-1]
-    if json:
+    if as_json:
         print_json(
             {
                 "controller": result.controller,

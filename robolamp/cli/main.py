@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 
 from cyclopts import App, CycloptsError
@@ -18,13 +19,32 @@ app = App(
     result_action="return_value",
 )
 # Import strings: a verb's libraries (mujoco, numba) are loaded when the verb is called, not for --help.
-app.command("robolamp.cli.dry_run:dry_run", name="dry-run")
-app.command("robolamp.cli.deploy:deploy", name="deploy")
-app.command("robolamp.cli.emulate:emulate", name="emulate")
-app.command("robolamp.cli.evolve:evolve", name="evolve")
-app.command("robolamp.cli.score:score", name="score")
-app.command("robolamp.cli.compare:compare", name="compare")
-app.command("robolamp.cli.render:render", name="render")
+_VERBS = {
+    "dry-run": """Run a controller on the emulated lamp, through real serial ports.
+
+The same loop as deploy, with a log, the truth, and a report that compares the lamp with its twin. Exit code 0: the run
+ended by itself and the lamp stands; 1: it fell or was stopped; 2: it could not run.""",
+    "deploy": """Run a controller on the physical lamp.
+
+Soft start, hop, soft landing, torque off; then a report that compares the lamp with its twin. Stand the lamp upright
+with room to hop and a hand near its plug. Ctrl-C lands it softly; a second Ctrl-C turns its torque off at once.""",
+    "compare": """Compare a run of the lamp with its twin, and write a report.
+
+The twin replays the log's goals. Exit code 0: inside the tolerances; 1: outside; 2: could not compare.""",
+    "score": "Score a controller on the twin, over many goals and lamps.",
+    "evolve": """Evolve a controller on the twin.
+
+The controller is written to OUTPUT/controller.toml, the course of the run to OUTPUT/progress.jsonl.""",
+    "render": "Draw a controller at work, or a log's replay, as a strip of pictures or an animation.",
+    "emulate": """Run an emulated lamp that any Dynamixel client can talk to, until Ctrl-C.
+
+Servos and foot sensor are behind a serial port each; the lamp's physics runs behind them in real time. It starts
+upright, each joint held as if by hand until its torque is first turned on. docs/emulator.md says what is modelled.""",
+}
+for _order, (_verb, _help) in enumerate(_VERBS.items()):
+    _function = _verb.replace("-", "_")
+    _help = re.sub(r"(?<!\n)\n(?!\n)", " ", _help)  # paragraphs are wrapped to the terminal, not here
+    app.command(f"robolamp.cli.{_function}:{_function}", name=_verb, help=_help, sort_key=_order)
 
 
 def main(arguments: list[str] | None = None) -> None:

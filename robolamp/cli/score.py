@@ -33,7 +33,7 @@ def score(
     workers: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
     calibration: str = "nominal",
     lamp: Path | None = None,
-    json: bool = False,
+    as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
     """Score a controller on the twin: where it lands, how it gets there, whether it falls.
 
@@ -56,8 +56,8 @@ def score(
     calibration
         The twin's numbers: a file, or a name in calibration/.
     lamp
-        A folder of your own lamp (`robolamp new`).
-    json
+        A folder of your own lamp, laid out like robolamp's (sim/, hardware/, calibration/).
+    as_json
         Print one JSON object: goals_m, errors_m, hops, flight_share a goal (and lamp), hits, hits_1997, falls.
     """
     setup = Setup.of(lamp, calibration)
@@ -76,7 +76,7 @@ def score(
     jobs = [Job(0, variant, float(goal)) for variant in range(len(twins)) for goal in distances]
     outcome = fleet.run([program], jobs, duration)
     shape = (len(distances),) if lamps is None else (lamps, len(distances))
-    if json:
+    if as_json:
         print_json(
             {
                 "controller": loaded.name,

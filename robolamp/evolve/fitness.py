@@ -43,6 +43,11 @@ def _distance(outcome: Outcome) -> NDArray[np.float64]:
     return np.abs(outcome.error) / np.abs(outcome.goal)
 
 
+@term("miss")
+def _miss(outcome: Outcome) -> NDArray[np.float64]:
+    return np.minimum(np.abs(outcome.error), 0.3) / 0.05
+
+
 @term("fall")
 def _fall(outcome: Outcome) -> NDArray[np.float64]:
     return outcome.fallen.astype(np.float64)

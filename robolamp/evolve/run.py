@@ -1,4 +1,4 @@
-"""A run of genetic programming, from a task and a seed to a controller file (Koza 1992; Gritz & Hahn 1997, section 3.4)."""
+"""A run of genetic programming: from a task and a seed to a controller file (Gritz & Hahn 1997, section 3.4)."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration
@@ -19,7 +20,7 @@ from robolamp.errors import FileError
 from robolamp.evolve.selection import tournament
 from robolamp.evolve.task import Task
 from robolamp.evolve.tree import Breeder, Genome
-from robolamp.evolve.trial import Score, Trials, draw_cases
+from robolamp.evolve.trial import Case, Score, Trials, draw_cases
 from robolamp.evolve.tune import tune
 from robolamp.files import write_atomic
 from robolamp.lamp import Lamp
@@ -27,7 +28,8 @@ from robolamp.twin.fleet import Fleet
 from robolamp.twin.model import build
 from robolamp.twin.spread import load_spread
 
-_LAMPS = 24  # drawn from the spread for a run, besides the calibrated one
+_LAMPS = 24  # at least, drawn from the spread for a run besides the calibrated one
+_JUDGED = 4  # fresh sets of cases that decide whether tuning was for the better
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,7 @@ def evolve(
 ) -> Result:
     """Evolve a controller.
 
-    Fitness is main + sqrt(g / G) style (Gritz & Hahn 1997, section 3.5), the mean over fitness cases that are drawn once.
+    Fitness is main + sqrt(g / G) style (Gritz & Hahn 1997, section 3.5), the mean over fitness cases drawn once a run.
 
     Args:
         task: What to evolve.
@@ -114,29 +116,91 @@ def evolve(
     Raises:
         FileError: The folder holds a run already, or cannot be written.
     """
-    lines = folder / "progress.jsonl"
-    if lines.exists():
+    if (folder / "progress.jsonl").exists() or (folder / "controller.toml").exists():
         raise FileError("holds a run already; give another folder with -o", str(folder))
-    began = time.perf_counter()
-    born, chosen, drawn, tuned = np.random.SeedSequence(seed).spawn(4)
-    rng, cases_rng = np.random.default_rng(chosen), np.random.default_rng(drawn)
-    spread = load_spread(assets)
-    lamps = [build(lamp, calibration, assets)]
-    if task.cases.lamps > 1:
-        lamps += [build(lamp, calibration, assets, spread.draw(cases_rng, len(lamp.joints))) for _ in range(_LAMPS)]
-    fleet = Fleet(lamps, task.control_period, workers)
-    terminals = task.terminals(len(lamp.joints))
-    trials = Trials(fleet, task, terminals)
-    cases = draw_cases(cases_rng, task, len(lamps))
-    breeder = Breeder(task, terminals, len(lamp.joints))
-    gp = task.gp
-    population = [controller.expressions for controller in seeds]
-    population += breeder.population(np.random.default_rng(born), gp.population - len(population))
-    history: list[Generation] = []
-    examined, physics = 0, 0.0
+    return _Run(task, lamp, calibration, assets, folder, seed, workers, command, progress).go(seeds, tuning)
 
-    def note(generation: int, phase: float, genomes: Sequence[Genome], score: Score) -> int:
-        fitness = score.main + phase * score.style
+
+class _Run:
+    """A run under way: its random streams, its lamps, its history."""
+
+    def __init__(
+        self,
+        task: Task,
+        lamp: Lamp,
+        calibration: Calibration,
+        assets: Assets,
+        folder: Path,
+        seed: int,
+        workers: int | None,
+        command: str,
+        progress: Callable[[Generation], None],
+    ) -> None:
+        self._began = time.perf_counter()
+        self._task, self._lamp, self._calibration, self._folder = task, lamp, calibration, folder
+        self._seed, self._command, self._progress = seed, command, progress
+        # One stream for each use, so that a change in one does not shift the others.
+        born, chosen, drawn, tuned = np.random.SeedSequence(seed).spawn(4)
+        self._born, self._chosen = np.random.default_rng(born), np.random.default_rng(chosen)
+        self._drawn, self._tuned = np.random.default_rng(drawn), int(tuned.generate_state(1)[0])
+        joints = len(lamp.joints)
+        lamps = [build(lamp, calibration, assets)]
+        if task.cases.lamps > 1:
+            spread = load_spread(assets)
+            others = max(_LAMPS, task.cases.lamps - 1)
+            lamps += [build(lamp, calibration, assets, spread.draw(self._drawn, joints)) for _ in range(others)]
+        self._lamps = len(lamps)
+        self._fleet = Fleet(lamps, task.control_period, workers)
+        self._terminals = task.terminals(joints)
+        self._trials = Trials(self._fleet, task, self._terminals)
+        self._cases = draw_cases(self._drawn, task, self._lamps)
+        self._history: list[Generation] = []
+        self._examined, self._physics = 0, 0.0
+
+    def go(self, seeds: Sequence[Controller], tuning: int) -> Result:
+        """Evolve, then tune; the champion so far is on disk after each of the two."""
+        champion = self._evolve(seeds)
+        fitness = self._save(champion, 0)
+        if tuning:
+            last = self._history[-1]
+
+            def tuned_once(iteration: int, best: float) -> None:
+                wall = round(time.perf_counter() - self._began, 3)
+                self._progress(replace(last, generation=-1 - iteration, best_fitness=best, wall_s=wall))
+
+            tuned = tune(champion, self._trials, self._task, self._lamps, tuning, self._tuned, tuned_once)
+            fresh = [case for _ in range(_JUDGED) for case in draw_cases(self._drawn, self._task, self._lamps)]
+            score = self._score([champion, tuned], fresh)
+            if np.argmin(score.main + score.style) == 1:
+                fitness = self._save(tuned, tuning)
+        return Result(self._folder / "controller.toml", fitness, tuple(self._history))
+
+    def _evolve(self, seeds: Sequence[Controller]) -> Genome:
+        gp = self._task.gp
+        breeder = Breeder(self._task, self._terminals, len(self._lamp.joints))
+        population = [controller.expressions for controller in seeds]
+        population += breeder.population(self._born, gp.population - len(population))
+        champion, champion_fitness = population[0], math.inf
+        for generation in range(gp.generations):
+            score = self._score(population, self._cases)
+            self._examined += len(population)
+            whole = score.main + score.style  # champions are compared at full phase
+            best = int(np.argmin(whole))
+            if whole[best] < champion_fitness:
+                champion, champion_fitness = population[best], float(whole[best])
+            fitness = score.main + math.sqrt(generation / gp.generations) * score.style
+            self._note(generation, fitness, population, score)
+            if generation + 1 < gp.generations:
+                population = _next(self._chosen, breeder, self._task, population, fitness)
+        return champion
+
+    def _score(self, genomes: Sequence[Genome], cases: Sequence[Case]) -> Score:
+        before = time.perf_counter()
+        score = self._trials.score(genomes, cases)
+        self._physics += time.perf_counter() - before
+        return score
+
+    def _note(self, generation: int, fitness: NDArray[np.float64], genomes: Sequence[Genome], score: Score) -> None:
         best = int(np.argmin(fitness))
         entry = Generation(
             generation=generation,
@@ -144,77 +208,54 @@ def evolve(
             mean_fitness=float(fitness.mean()),
             hits=int(score.hits[best]),
             falls=int(score.falls[best]),
-            cases=len(cases),
+            cases=len(self._cases),
             hops=float(score.hops[best]),
             flight_share=float(score.flight_share[best]),
             nodes=sum(len(part.tokens) for part in genomes[best]),
-            individuals=examined,
-            physics_steps=fleet.steps,
-            physics_s=round(physics, 3),
-            wall_s=round(time.perf_counter() - began, 3),
+            individuals=self._examined,
+            physics_steps=self._fleet.steps,
+            physics_s=round(self._physics, 3),
+            wall_s=round(time.perf_counter() - self._began, 3),
         )
-        history.append(entry)
-        write_atomic(lines, "".join(json.dumps(vars(item)) + "\n" for item in history))
-        progress(entry)
-        return best
+        self._history.append(entry)
+        text = "".join(json.dumps(vars(item)) + "\n" for item in self._history)
+        write_atomic(self._folder / "progress.jsonl", text)
+        self._progress(entry)
 
-    champion, champion_fitness = population[0], math.inf
-    for generation in range(gp.generations):
-        before = time.perf_counter()
-        score = trials.score(population, cases)
-        physics += time.perf_counter() - before
-        examined += len(population)
-        best = note(generation, math.sqrt(generation / gp.generations), population, score)
-        whole = score.main + score.style  # champions are compared at full phase
-        best = best if whole[best] <= whole.min() else int(np.argmin(whole))
-        if whole[best] < champion_fitness:
-            champion, champion_fitness = population[best], float(whole[best])
-        if generation + 1 < gp.generations:
-            fitness = score.main + math.sqrt(generation / gp.generations) * score.style
-            population = _next(rng, breeder, task, population, fitness)
-    if tuning:
-
-        def tuned_once(iteration: int, fitness: float) -> None:
-            last = history[-1]
-            now = round(time.perf_counter() - began, 3)
-            progress(replace(last, generation=-1 - iteration, best_fitness=fitness, wall_s=now))
-
-        before = time.perf_counter()
-        candidate = tune(champion, trials, task, len(lamps), tuning, int(tuned.generate_state(1)[0]), tuned_once)
-        score = trials.score([candidate], cases)
-        physics += time.perf_counter() - before
-        champion, champion_fitness = candidate, float((score.main + score.style)[0])
-    score = trials.score([champion], cases)
-    controller = Controller(
-        name=folder.name,
-        task=task.name,
-        drive="position",
-        control_period=task.control_period,
-        expressions=champion,
-        joints=lamp.names,
-        scores={
-            "fitness": round(champion_fitness, 6),
-            "hits": int(score.hits[0]),
-            "falls": int(score.falls[0]),
-            "cases": len(cases),
-            "flight_share": round(float(score.flight_share[0]), 3),
-        },
-        provenance={
-            "command": command,
-            "seed": seed,
-            "generations": gp.generations,
-            "tuning": tuning,
-            "calibration": calibration.name,
-            "calibration_sha256": calibration.hash,
-            "versions": {name: version(name) for name in ("robolamp", "mujoco", "numpy", "numba")},
-        },
-    )
-    save_controller(controller, folder / "controller.toml")
-    return Result(folder / "controller.toml", champion_fitness, tuple(history))
+    def _save(self, champion: Genome, tuning: int) -> float:
+        """Write the controller file; return its fitness on the run's cases."""
+        score = self._score([champion], self._cases)
+        fitness = float(score.main[0] + score.style[0])
+        controller = Controller(
+            name=self._folder.resolve().name,
+            task=self._task.name,
+            drive="position",
+            control_period=self._task.control_period,
+            expressions=champion,
+            joints=self._lamp.names,
+            scores={
+                "fitness": round(fitness, 6),
+                "hits": int(score.hits[0]),
+                "falls": int(score.falls[0]),
+                "cases": len(self._cases),
+                "flight_share": round(float(score.flight_share[0]), 3),
+            },
+            provenance={
+                "command": self._command,
+                "seed": self._seed,
+                "generations": self._task.gp.generations,
+                "tuning": tuning,
+                "calibration": self._calibration.name,
+                "calibration_sha256": self._calibration.hash,
+                "versions": {name: version(name) for name in ("robolamp", "mujoco", "numpy", "numba")},
+            },
+        )
+        save_controller(controller, self._folder / "controller.toml")
+        return fitness
 
 
 def _next(
-    rng: np.random.Generator, breeder: Breeder, task: Task, population: Sequence[Genome], fitness: np.ndarray
+    rng: np.random.Generator, breeder: Breeder, task: Task, population: Sequence[Genome], fitness: NDArray[np.float64]
 ) -> list[Genome]:
     gp = task.gp
 

@@ -20,6 +20,7 @@ Genome = tuple[Expression, ...]
 
 _INNER_SHARE = 0.9  # of crossover points are functions, where there are any (Koza 1992, section 6.4.1)
 _CONSTANT_SHARE = 0.25  # of leaves at birth are constants; Koza's ephemeral constant is one terminal among many
+_ATTEMPTS = 20  # to make a genome that is not there yet
 _STEP_RELATIVE, _STEP_RANGE = 0.1, 0.01  # mutation of constants: of the value, and of the range
 
 
@@ -65,17 +66,22 @@ class Breeder:
         seen: set[Genome] = set()
         for index in range(count):
             limit, full = shortest + index % (tallest - shortest + 1), bool(index % 2)
-            for _ in range(20):
-                genome = []
-                for _ in range(self.joints):
-                    tokens: list[Token] = []
-                    self._grow(rng, limit, full, tokens)
-                    genome.append(Expression(tuple(tokens)))
-                if tuple(genome) not in seen:
+            genome = self._born(rng, limit, full)
+            for _ in range(_ATTEMPTS):
+                if genome not in seen:
                     break
-            seen.add(tuple(genome))
-            born.append(tuple(genome))
+                genome = self._born(rng, limit, full)
+            seen.add(genome)
+            born.append(genome)
         return born
+
+    def _born(self, rng: np.random.Generator, limit: int, full: bool) -> Genome:
+        parts = []
+        for _ in range(self.joints):
+            tokens: list[Token] = []
+            self._grow(rng, limit, full, tokens)
+            parts.append(Expression(tuple(tokens)))
+        return tuple(parts)
 
     def _point(self, rng: np.random.Generator, genome: Genome) -> tuple[int, int]:
         nodes = [(joint, index) for joint, part in enumerate(genome) for index in range(len(part.tokens))]

@@ -25,8 +25,9 @@ def tune(
 ) -> Genome:
     """Return a genome with better constants, or the same one where there are none to tune.
 
-    Fresh cases every iteration keep the search from fitting a few goals; what is returned is the mean of the search
-    distribution, which such noise moves least.
+    Constants that are written alike are tuned as one: a hop length that every joint's expression repeats stays one
+    length. Fresh cases every iteration keep the search from fitting a few goals; what is returned is the mean of the
+    search distribution, which such noise moves least.
 
     Args:
         genome: Where to start.
@@ -37,7 +38,7 @@ def tune(
         seed: Where randomness comes from.
         progress: Called after each iteration with its number and best fitness.
     """
-    start = np.array(constants(genome))
+    start, tied = np.unique(constants(genome), return_inverse=True)
     if not len(start) or iterations < 1:
         return genome
     with warnings.catch_warnings():
@@ -50,10 +51,10 @@ def tune(
     search = cma.CMAEvolutionStrategy(np.zeros(len(start)), 1.0, options)
     for iteration in range(iterations):
         steps = search.ask()
-        candidates = [with_constants(genome, (start + scale * step).tolist()) for step in steps]
+        candidates = [with_constants(genome, (start + scale * step)[tied].tolist()) for step in steps]
         score = trials.score(candidates, draw_cases(rng, task, lamps))
         fitness = score.main + score.style
         search.tell(steps, fitness.tolist())
         progress(iteration, float(fitness.min()))
     mean = np.asarray(search.result.xfavorite)
-    return with_constants(genome, (start + scale * mean).tolist())
+    return with_constants(genome, (start + scale * mean)[tied].tolist())

@@ -92,7 +92,7 @@ class _Shard:
         self.substeps = round(period / twin.timestep)
         self.period = period
         self.batch = Batch(twin.model, len(variant), 1)
-        for name in _differing([twins[index].model for index in np.unique(variant)]):
+        for name in _differing([twin.model, *(twins[index].model for index in np.unique(variant))]):
             self.batch.expand(name)[:] = np.stack([getattr(twins[index].model, name) for index in variant])
         self.batch.state[:] = np.stack([states[index] for index in variant])
         self.loss = self.batch.expand("dof_frictionloss")
@@ -118,7 +118,7 @@ class _Shard:
         sees_base = bool(set(programs.terminals) & set(TWIN_ONLY))
         envelope = Envelope(lamp.lower, lamp.upper, lamp.slew, self.period, np.zeros((lanes, joints)))
         wanted = np.zeros((lanes, joints))
-        unstable = np.zeros(lanes, bool)
+        unstable, interventions = np.zeros(lanes, bool), np.zeros(lanes, np.int64)
         warned = self.batch.warning[:, :, 1].copy()
         # The first reading: sensors describe a state only after a step, and the settled lamp stands on its foot.
         self.batch.forward()
@@ -137,6 +137,7 @@ class _Shard:
             )
             line[1:] = line[:-1].copy()
             line[0] = envelope.apply(programs.run(program, inputs, wanted))
+            interventions[alive] = (envelope.not_finite + envelope.limited + envelope.slewed)[alive]
             for substep in range(self.substeps):
                 if substep <= (self.arrival_step % self.substeps).max():
                     late = np.maximum(-((substep - self.arrival_step) // self.substeps), 0)
@@ -152,7 +153,6 @@ class _Shard:
             alive = np.flatnonzero(np.isnan(judge.fall_time))
             if not len(alive):
                 break
-        interventions = envelope.not_finite + envelope.limited + envelope.slewed
         return judge.outcome(self.qpos[:, twin.qpos].copy(), unstable, interventions)
 
 

@@ -1,0 +1,55 @@
+# `make hop` and `make test` need Python 3.11 or later, git and make; everything else goes into .venv.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+GOAL ?= 0.30
+
+.DEFAULT_GOAL := help
+.PHONY: help hop test test-slow lint wheel benchmarks pictures clean opengl
+
+help:  ## what the targets do
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+
+hop: $(VENV)/installed  ## the shipped controller hops on the emulated lamp (GOAL=0.30)
+	$(BIN)/robolamp dry-run hop --goal $(GOAL)
+
+test: $(VENV)/developed lint opengl  ## lint, types, import floors and all tests but the slow ones
+	$(BIN)/python -m pytest -m "not slow"
+
+test-slow: $(VENV)/developed opengl  ## the tests that take more than a minute each
+	$(BIN)/python -m pytest -m slow
+
+lint: $(VENV)/developed  ## ruff, pyright, import floors
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright --pythonpath $(BIN)/python
+	$(BIN)/lint-imports
+
+wheel: $(VENV)/developed  ## dist/: wheel and source distribution
+	$(BIN)/python -m build
+
+benchmarks: $(VENV)/developed  ## the figures of the README
+	for each in benchmarks/*.py; do echo "== $$each"; $(BIN)/python $$each || exit; done
+
+pictures: $(VENV)/installed opengl  ## docs/: the pictures of the README
+	$(BIN)/python docs/pictures.py
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis
+
+# Pictures are rendered headless through EGL; without it they are drawn as side views, so nothing fails here.
+opengl:
+	@ldconfig -p 2>/dev/null | grep -q 'libEGL.so.1' || \
+	  { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && \
+	    apt-get update -qq && apt-get install -y -qq libegl1 libgl1-mesa-dri >/dev/null; } || \
+	  echo "No OpenGL here: pictures are drawn as side views (Debian: apt install libegl1 libgl1-mesa-dri)."
+
+$(VENV)/installed: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "robolamp needs Python 3.11 or later; this is " + sys.version.split()[0] + ". Try: make PYTHON=python3.12 " )'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	@touch $@
+
+$(VENV)/developed: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@

@@ -1,0 +1,34 @@
+"""Renders the pictures of the README from the twin: docs/lamp.png and docs/hop.gif."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from robolamp.assets import Assets
+from robolamp.calibration import load_calibration
+from robolamp.lamp import load_lamp
+from robolamp.twin.model import build
+from robolamp.twin.render import Camera, qpos_of
+
+_DOCS = Path(__file__).parent
+
+
+def main() -> None:
+    """Render them."""
+    assets = Assets()
+    lamp = load_lamp(assets)
+    twin = build(lamp, load_calibration(assets), assets)
+    with Camera(twin, 960, 540) as camera:
+        picture = camera.shoot(qpos_of(twin, (0.0, 0.0, 0.0), np.zeros(len(lamp.joints))), "portrait")
+    Image.fromarray(picture).save(_DOCS / "lamp.png", optimize=True)
+    for name in ("hop.png", "hop.gif"):
+        subprocess.run([sys.executable, "-m", "robolamp", "render", "hop", "-o", str(_DOCS / name)], check=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,203 @@
+"""The READMEs of hardware, calibration, tasks and controllers say what the files and the code say."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robolamp.assets import Assets
+from robolamp.calibration import LAMP, SERVO, Range, load_calibration
+from robolamp.compare.tolerances import load_tolerances
+from robolamp.controller.file import load_controller
+from robolamp.controller.primitives import PRIMITIVES
+from robolamp.controller.program import compile_program
+from robolamp.controller.terminals import TWIN_ONLY, all_terminals, on_board_terminals
+from robolamp.dynamixel.registers import BAUD_CODES, MODELS, RAD_PER_COUNT
+from robolamp.evolve.fitness import terms
+from robolamp.evolve.task import load_task
+from robolamp.lamp import load_lamp
+from robolamp.twin.spread import load_spread
+
+from .readme import ROOT, table, text
+
+CALIBRATION = "calibration/README.md"
+TASKS = "sim/tasks/README.md"
+HARDWARE = "hardware/README.md"
+CONTROLLERS = "sim/lamp/controllers/README.md"
+
+
+def read(path: str) -> dict[str, Any]:
+    return tomllib.loads((ROOT / path).read_text(encoding="utf-8"))
+
+
+def split(cell: str) -> list[str]:
+    return re.split(r"[,\s]+", cell)
+
+
+# calibration/
+
+
+def test_nominal_says_where_every_value_is_from() -> None:
+    calibration = load_calibration(Assets())
+    for group, parameters in calibration.groups.items():
+        for name, parameter in parameters.items():
+            assert len(parameter.source) > 10, f"{group}.{name}"
+    assert set(calibration.groups["lamp"]) == set(LAMP)
+    assert set(calibration.groups["XL330-M288-T"]) == set(SERVO)
+
+
+@pytest.mark.parametrize(("legal", "group"), [(SERVO, "XL330-M288-T"), (LAMP, "lamp")], ids=["servo", "lamp"])
+def test_calibration_tables_are_the_schema(legal: Mapping[str, Range], group: str) -> None:
+    rows = {row[0]: row[1:] for first in ("torque_constant", "supply_voltage") for row in _parameter_rows(first)}
+    for name, allowed in legal.items():
+        unit, span, nominal, _ = rows.pop(name)
+        assert unit == allowed.unit, name
+        assert [float(value) for value in span.split(" to ")] == [allowed.low, allowed.high], name
+        assert float(nominal) == load_calibration(Assets()).groups[group][name].value, name
+    other = LAMP if legal is SERVO else SERVO
+    assert set(rows) == set(other)
+
+
+def _parameter_rows(first: str) -> list[list[str]]:
+    lines = text(CALIBRATION).splitlines()
+    start = next(index for index, line in enumerate(lines) if line.startswith(f"| `{first}`"))
+    rows = []
+    for line in lines[start:]:
+        if not line.startswith("|"):
+            break
+        rows.append([cell.strip().strip("`") for cell in line.strip("|").split("|")])
+    return rows
+
+
+def test_calibration_example_is_a_calibration(tmp_path: Path) -> None:
+    example = re.search(r"```toml\n(.+?)```", text(CALIBRATION), re.DOTALL)
+    assert example
+    path = tmp_path / "mine.toml"
+    path.write_text(example[1], encoding="utf-8")
+    calibration = load_calibration(Assets(), path)
+    assert calibration.groups["lamp"]["mass_scale"].stderr == 0.005
+    assert calibration.groups["joint knee"]["coulomb"].value == 0.012
+
+
+def test_tolerance_table_names_every_key() -> None:
+    rows = {row[0]: row[1] for row in table(CALIBRATION, "key", "unit", "meaning")}
+    assert set(rows) == set(read("calibration/tolerances/default.toml"))
+    load_tolerances(Assets())
+
+
+# sim/tasks/
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "sim/tasks").glob("*.toml")), ids=lambda path: path.stem)
+def test_task_loads_and_its_keys_are_explained(path: Path) -> None:
+    if path.stem == "spread":
+        load_spread(Assets())
+        explained = {row[0] for row in table(TASKS, "key", "unit", "what differs")} | {"schema"}
+        assert set(read("sim/tasks/spread.toml")) == explained
+        return
+    load_task(Assets(), path)
+    explained = {key for row in table(TASKS, "key", "unit, range") for key in split(row[0])}
+    for key, value in tomllib.loads(path.read_text(encoding="utf-8")).items():
+        if key in ("main", "style"):
+            assert f"[{key}]" in explained
+        elif isinstance(value, dict):
+            assert {f"{key}.{name}" for name in value} <= explained
+        else:
+            assert key in explained
+
+
+def test_every_shipped_fitness_term_is_explained() -> None:
+    shipped = {name for name, function in terms().items() if function.__module__ == "robolamp.evolve.fitness"}
+    assert {row[0] for row in table(TASKS, "term")} == shipped
+
+
+# sim/lamp/controllers/
+
+
+def test_terminals_are_explained() -> None:
+    rows = [(split(row[0]), row[3]) for row in table(CONTROLLERS, "terminal", "unit")]
+    assert tuple(name for names, _ in rows for name in names) == all_terminals(3)
+    for names, where in rows:
+        assert set(names) <= set(TWIN_ONLY) if where == "twin only" else set(names) <= set(on_board_terminals(3))
+
+
+def test_functions_are_explained() -> None:
+    written = re.findall(r"\((\S+) a b( c)?\)", " ".join(row[0] for row in table(CONTROLLERS, "function")))
+    assert {name: 3 if third else 2 for name, third in written} == {
+        name: primitive.arity for name, primitive in PRIMITIVES.items()
+    }
+
+
+def test_example_controller_bows(tmp_path: Path) -> None:
+    example = re.search(r"```toml\n(.+?)```", text(CONTROLLERS), re.DOTALL)
+    assert example
+    path = tmp_path / "bow.toml"
+    path.write_text(example[1], encoding="utf-8")
+    controller = load_controller(path, load_lamp(Assets()), on_board=True)
+    program = compile_program(controller.expressions, ("t", "a1"))
+    assert list(program.run([0.5, 0.2])) == pytest.approx([0, 0.15, -0.2])
+    assert list(program.run([1.5, 0.2])) == pytest.approx([0, 0.3, -0.2])
+    assert list(program.run([2.5, 0.2])) == pytest.approx([0, 0, -0.2])
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "sim/lamp/controllers").glob("*.toml")), ids=lambda path: path.stem)
+def test_shipped_controller_runs_on_the_lamp(path: Path) -> None:
+    controller = load_controller(path, load_lamp(Assets()), on_board=True)
+    assert controller.name == path.stem
+    assert controller.provenance or not controller.task, "an evolved controller says where it comes from"
+
+
+# hardware/
+
+
+def test_keys_of_the_lamp_are_explained() -> None:
+    explained = {key for row in table(HARDWARE, "key", "range", "meaning") for key in split(row[0])}
+    found = set()
+    for key, value in read("hardware/lamp.toml").items():
+        tables = value if isinstance(value, list) else [value] if isinstance(value, dict) else []
+        found |= {f"{key}.{name}" for each in tables for name in each} if tables else {key}
+    assert found == explained
+
+
+def test_servo_settings_fit_the_lamp() -> None:
+    lamp = load_lamp(Assets())
+    names = ("ankle", "knee", "neck")
+    assert lamp.names == names
+    rows = table(HARDWARE, "register", *names)
+    settings: dict[int, list[int]] = {}
+    for register, *values, factory, _ in rows:
+        match = re.fullmatch(r"(.+) \((\d+)\)", register)
+        assert match, register
+        known = {each.address: each for each in MODELS["XL330-M288-T"].registers.values()}[int(match[2])]
+        assert known.name.lower().replace("_", " ") == match[1].lower()
+        assert known.eeprom
+        assert known.initial == int(factory), register
+        settings[known.address] = [int(value) for value in values]
+    assert settings[7] == [joint.id for joint in lamp.joints]
+    assert set(settings[8]) == {BAUD_CODES[lamp.bus_baud]}
+    for joint, highest, lowest in zip(lamp.joints, settings[48], settings[52], strict=True):
+        ends = sorted((joint.zero + joint.sign * angle) / RAD_PER_COUNT for angle in (joint.lower, joint.upper))
+        assert 8 <= ends[0] - lowest <= 12
+        assert 8 <= highest - ends[1] <= 12
+
+
+def test_joint_table_has_the_signs_of_the_lamp() -> None:
+    for joint, row in zip(load_lamp(Assets()).joints, table(HARDWARE, "joint", "between"), strict=True):
+        name, _, body, horn, side, sign = row
+        assert (name, int(sign)) == (joint.name, joint.sign)
+        # Seen from the side the horn faces, the reading rises counter-clockwise, which from the left is forward for
+        # the part that turns with the horn; a horn fixed to the part below turns it about.
+        upper = {"ankle": "lower arm", "knee": "upper arm", "neck": "head"}[name]
+        assert body != horn
+        assert int(sign) == (1 if side == "left" else -1) * (1 if horn == upper else -1)
+
+
+def test_zero_is_the_middle_of_the_turn() -> None:
+    for joint in load_lamp(Assets()).joints:
+        assert joint.zero == pytest.approx(math.pi, abs=1e-6)

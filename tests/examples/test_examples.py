@@ -1,0 +1,26 @@
+"""Every example runs as it stands, and is listed in examples/README.md."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.mark.parametrize("script", sorted(EXAMPLES.glob("*.py")), ids=lambda script: script.stem)
+def test_example_runs(script: Path, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-W", "error", str(script)], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip()
+    assert not list(tmp_path.iterdir()), "an example leaves files behind"
+
+
+def test_examples_are_listed() -> None:
+    readme = (EXAMPLES / "README.md").read_text()
+    assert [script.name for script in EXAMPLES.glob("*.py") if f"`{script.name}`" not in readme] == []

@@ -1,0 +1,158 @@
+from __future__ import annotations
+
+import copy
+import dataclasses
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+from robolamp.errors import FileError
+from robolamp.twin.body import Body
+from robolamp.twin.model import Bend, build
+from robolamp.twin.servo import friction_loss, write_motors
+
+from .parts import ASSETS, CALIBRATION, LAMP, TWIN, N, bent
+
+
+def torques(model: mujoco.MjModel, angle: np.ndarray, velocity: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    """What the motors give at one state, the goal long since arrived [Nm]."""
+    data = mujoco.MjData(model)
+    data.ctrl[:] = goal
+    for index in range(N):
+        times = np.arange(-model.actuator_history[index, 0] + 1, 1) * model.opt.timestep
+        mujoco.mj_initCtrlHistory(model, data, index, times, np.full(len(times), goal[index]))
+    data.qpos[:] = model.key_qpos[0]
+    data.qpos[TWIN.qpos] = angle
+    data.qvel[TWIN.dof] = velocity
+    mujoco.mj_forward(model, data)
+    return data.qfrc_actuator[TWIN.dof].copy()
+
+
+def test_the_motor_is_a_voltage_behind_a_winding() -> None:
+    """tau = K (V - K w) / R, V = duty Vin, duty = clip(gain counts / 885, -1, 1), 4096 counts a turn."""
+    rng = np.random.default_rng(1)
+    servo = CALIBRATION.servo(LAMP.joints[0].servo, "ankle")
+    k, r, supply = servo["torque_constant"], servo["resistance"], CALIBRATION.lamp("supply_voltage")
+    clipped = 0
+    for _ in range(100):
+        angle, velocity = rng.uniform(-0.5, 0.5, N), rng.uniform(-8, 8, N)
+        goal = angle + rng.normal(0, 0.5, N)
+        gain = np.array([joint.position_p_gain for joint in LAMP.joints]) / servo["gain_divisor"]
+        duty = gain * (goal - angle) * 4096 / (2 * math.pi) / 885
+        clipped += np.count_nonzero(np.abs(duty) > 1)
+        expected = k * (np.clip(duty, -1, 1) * supply - k * velocity) / r - servo["viscous"] * velocity
+        found = torques(TWIN.model, angle, velocity, goal)
+        # MuJoCo counts the motor's own damping as a passive force; see the next test.
+        np.testing.assert_allclose(found - servo["viscous"] * velocity, expected, atol=1e-12)
+    assert 50 < clipped < 250
+
+
+def test_viscous_friction_is_a_passive_force() -> None:
+    data = mujoco.MjData(TWIN.model)
+    data.qvel[TWIN.dof] = [1.0, -2.0, 3.0]
+    mujoco.mj_forward(TWIN.model, data)
+    viscous = CALIBRATION.servo(LAMP.joints[0].servo, "ankle")["viscous"]
+    np.testing.assert_allclose(data.qfrc_passive[TWIN.dof], -viscous * data.qvel[TWIN.dof], atol=1e-15)
+
+
+def test_without_torque_a_motor_neither_drives_nor_brakes() -> None:
+    off = build(LAMP, CALIBRATION, ASSETS, torque=False)
+    found = torques(off.model, np.full(N, 0.3), np.full(N, 10.0), np.full(N, -0.6))
+    assert np.abs(found).max() < 1e-6
+    assert np.abs(torques(TWIN.model, np.full(N, 0.3), np.full(N, 10.0), np.full(N, -0.6))).min() > 0.1
+
+
+def test_motors_changed_while_running_equal_motors_compiled_so() -> None:
+    rows = copy.copy(TWIN.model).actuator_gainprm[TWIN.actuator].copy()
+    joints = tuple(
+        dataclasses.replace(joint, position_p_gain=gain)
+        for joint, gain in zip(LAMP.joints, (200, 400, 1600), strict=True)
+    )
+    compiled = build(dataclasses.replace(LAMP, joints=joints), CALIBRATION, ASSETS, Bend(supply=-0.7))
+    voltage = np.full(N, CALIBRATION.lamp("supply_voltage") - 0.7)
+    write_motors(rows, TWIN.servos, np.array([200.0, 400.0, 1600.0]), voltage, np.ones(N, bool))
+    np.testing.assert_allclose(rows, compiled.model.actuator_gainprm[compiled.actuator], rtol=1e-14)
+    off = build(LAMP, CALIBRATION, ASSETS, torque=False)
+    gains = np.array([float(joint.position_p_gain) for joint in LAMP.joints])
+    write_motors(rows, TWIN.servos, gains, np.full(N, TWIN.voltage), np.zeros(N, bool))
+    np.testing.assert_allclose(rows, off.model.actuator_gainprm[off.actuator], rtol=1e-14)
+
+
+def test_load_dependent_friction_follows_its_formula() -> None:
+    rng = np.random.default_rng(2)
+    lanes, nv = 7, TWIN.model.nv
+    coefficients = rng.uniform(0, 0.3, (lanes, N, 6)) + np.array([0, 0, 3, 0, 0, 0])
+    motor, bias, velocity = rng.normal(size=(3, lanes, nv))
+    loss = np.full((lanes, nv), -1.0)
+    friction_loss(coefficients, TWIN.dof, motor, bias, velocity, loss)
+    coulomb, stribeck, slowness, by_motor, by_load, by_load_still = np.moveaxis(coefficients, 2, 0)
+    load, tau, w = -bias[:, TWIN.dof], motor[:, TWIN.dof], velocity[:, TWIN.dof]
+    still = np.exp(-np.abs(w) * slowness)
+    expected = coulomb + np.abs(by_load * load - by_motor * tau) + still * (stribeck + by_load_still * np.abs(load))
+    np.testing.assert_allclose(loss[:, TWIN.dof], expected, rtol=1e-13)
+    assert (np.delete(loss, TWIN.dof, axis=1) == -1.0).all()  # the base has no servo friction
+
+
+def test_a_motor_that_carries_gravity_meets_less_friction_than_one_that_fights_it() -> None:
+    coefficients = TWIN.servos.friction()[None]
+    bias = np.zeros((1, TWIN.model.nv))
+    bias[0, TWIN.dof] = -0.2  # gravity pushes forward by 0.2 Nm
+    loss = np.zeros((2, 1, TWIN.model.nv))
+    for row, torque in zip(loss, (-0.2, 0.2), strict=True):
+        motor = np.zeros((1, TWIN.model.nv))
+        motor[0, TWIN.dof] = torque
+        friction_loss(coefficients, TWIN.dof, motor, bias, np.ones((1, TWIN.model.nv)), row)
+    assert (loss[0, 0, TWIN.dof] > 2 * loss[1, 0, TWIN.dof]).all()
+
+
+@pytest.mark.parametrize(
+    ("delay", "timestep"), [(0.0, 0.002), (0.02, 0.002), (0.038, 0.002), (0.1, 0.002), (0.0, 0.0005)]
+)
+def test_a_goal_acts_after_the_servos_delay_and_not_before(delay: float, timestep: float) -> None:
+    twin = build(LAMP, CALIBRATION, ASSETS, Bend(delay=delay), timestep=timestep)
+    body = Body(twin)
+    body.step(200)
+    before, rest = body.data.time, body.torque.copy()
+    body.set_goal(np.full(N, 0.3))
+    steps = 0
+    while np.abs(body.torque - rest).min() < 0.1:
+        body.step()
+        steps += 1
+        assert steps < 1000
+    wanted = min(CALIBRATION.servo(LAMP.joints[0].servo, "ankle")["delay"] + delay, 0.05)
+    assert body.data.time - before == pytest.approx(wanted, abs=1.5 * timestep)
+
+
+def test_a_bend_changes_what_it_says_and_nothing_else() -> None:
+    strong = bent(Bend(strength=np.array([1.0, 2.0, 1.0]), friction=1.5, delay=0.004))
+    assert (strong.servos.torque_constant / TWIN.servos.torque_constant).tolist() == [1.0, 2.0, 1.0]
+    assert strong.servos.delay == pytest.approx(TWIN.servos.delay + 0.004)
+    assert strong.servos.coulomb == pytest.approx(1.5 * TWIN.servos.coulomb)
+    assert strong.servos.resistance.tolist() == TWIN.servos.resistance.tolist()
+    heavy = bent(Bend(mass=1.1, floor=0.5))
+    assert heavy.model.body_mass.sum() == pytest.approx(1.1 * TWIN.model.body_mass.sum())
+    assert heavy.model.body_inertia == pytest.approx(1.1 * TWIN.model.body_inertia)
+    assert heavy.model.geom("floor").friction[0] == pytest.approx(0.5 * TWIN.model.geom("floor").friction[0])
+    assert heavy.servos.torque_constant.tolist() == TWIN.servos.torque_constant.tolist()
+
+
+def test_a_model_that_lacks_a_part_is_refused_by_name(tmp_path) -> None:
+    folder = tmp_path / "sim" / "lamp"
+    folder.mkdir(parents=True)
+    shipped = ASSETS.path("sim/lamp/lamp.xml").read_text()
+    (folder / "scene.xml").write_text(ASSETS.path("sim/lamp/scene.xml").read_text())
+    own = dataclasses.replace(ASSETS, own=tmp_path)
+    for old, new, message in (
+        ('<touch name="foot_force"', '<touch name="force"', "no sensor named 'foot_force'"),
+        ('<site name="head"', '<site name="bulb"', "no site named 'head'"),
+        ('<dcmotor name="knee"', '<dcmotor name="elbow"', "no joint and actuator named 'knee'"),
+        ("<keyframe>", "<keyframes>", "not a MuJoCo model"),
+    ):
+        assert old in shipped
+        (folder / "lamp.xml").write_text(shipped.replace(old, new))
+        with pytest.raises(FileError, match=message) as caught:
+            build(LAMP, CALIBRATION, own)
+        assert str(folder / "scene.xml") in str(caught.value)
+        assert "\n" not in str(caught.value)
