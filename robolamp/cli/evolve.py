@@ -16,8 +16,7 @@ from robolamp.cli.options import Setup
 from robolamp.cli.output import print_json
 from robolamp.controller.file import check_terminals
 from robolamp.errors import FileError
-from robolamp.evolve.run import Generation
-from robolamp.evolve.run import evolve as run_evolution
+from robolamp.evolve.run import Generation, Run
 from robolamp.evolve.task import load_task
 
 _Count = Annotated[int | None, Parameter(validator=validators.Number(gte=1))]
@@ -84,21 +83,20 @@ def evolve(
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
         TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[best]}"),
     )  # fmt: skip
-    with Progress(*columns, console=console) as bar:
-        row = bar.add_task("generation", total=gp.generations + tune, best="")
+    bar = Progress(*columns, console=console)
+    row = bar.add_task("evolution", total=gp.generations + tune, best="")
 
-        def show(entry: Generation) -> None:
-            kind = "generation" if entry.generation >= 0 else "tuning"
-            best = f"best {entry.best_fitness:.3f}"
-            if entry.generation >= 0:
-                best += f", {entry.hits}/{entry.cases} hits, {entry.falls} falls, {entry.hops:.1f} hops"
-            bar.update(row, advance=1, description=kind, best=best)
+    def show(entry: Generation) -> None:
+        best = f"best {entry.best_fitness:.3f}, {entry.hits}/{entry.cases} hits, {entry.falls} falls"
+        bar.update(row, advance=1, description=entry.stage, best=best)
 
-        result = run_evolution(
-            loaded, setup.lamp, setup.calibration, setup.assets, output,
-            seed=seed, workers=workers, seeds=seeds, tuning=tune,
-            command=shlex.join(["robolamp", *sys.argv[1:]]), progress=show,
-        )  # fmt: skip
+    # Made before the bar appears: what it refuses is one line of its own.
+    run = Run(
+        loaded, setup.lamp, setup.calibration, setup.assets, output,
+        seed, workers, shlex.join(["robolamp", *sys.argv[1:]]), show,
+    )  # fmt: skip
+    with bar:
+        result = run.go(seeds, tune)
     last = result.generations[-1]
     if as_json:
         print_json(

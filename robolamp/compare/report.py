@@ -10,20 +10,20 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from importlib.resources import files
-from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
 
 from robolamp.compare import plots
 from robolamp.compare.align import JointError
+from robolamp.compare.comparison import Comparison
 from robolamp.files import write_atomic
+from robolamp.log.reader import Run
 from robolamp.twin.render import Picture, qpos_of, strip
 
-if TYPE_CHECKING:
-    from robolamp.compare.run import Comparison
-
-_FRAMES = 6
+_FRAMES = 7
+_STILL = 0.005  # goals that change less than this from tick to tick stand still [rad]
+_AFTER = 0.5  # how much of the rest after the motion a strip shows [s]
 _UNIT = re.compile(r"(\d) (cm|mrad|ms|s|N|V)\b")  # a number is not torn from its unit at a line's end
 _ARTICLE = {"twin": "a twin in virtual time", "emulator": "an emulated lamp", "lamp": "a physical lamp"}
 
@@ -96,9 +96,7 @@ def _head(comparison: Comparison, name: str) -> str:
 
 def _pictures(comparison: Comparison) -> str:
     run, replay, truth = comparison.run, comparison.replay, comparison.truth
-    running = np.flatnonzero(run.phase == "run")
-    first = run.began[running[0]] if running.size else run.began[0]
-    moments = np.linspace(first, run.write_done[-1], _FRAMES)
+    moments = np.linspace(*_moving(run), _FRAMES)
     rows = np.searchsorted(replay.time, moments).clip(0, replay.time.size - 1)
     labels = [_label(moment - run.scheduled[0], x) for moment, x in zip(moments, replay.base_x[rows], strict=True)]
     figures = _figure(strip(replay.twin, replay.qpos[rows], labels), "twin", "The twin, with the goals of the log")
@@ -111,6 +109,16 @@ def _pictures(comparison: Comparison) -> str:
         qpos = np.array([qpos_of(replay.twin, pose[:3].tolist(), pose[3:]) for pose in poses])
         figures += _figure(strip(replay.twin, qpos, labels), "lamp", "The emulated lamp, as it truly moved")
     return f"<section><h2>The motion</h2>{figures}</section>"
+
+
+def _moving(run: Run) -> tuple[float, float]:
+    """Return from when to when the controller's goals moved, and half a second more [s]: what a strip is to show."""
+    running = np.flatnonzero(run.phase == "run")
+    if not running.size:
+        return float(run.began[0]), float(run.write_done[-1])
+    changed = np.flatnonzero((np.abs(np.diff(run.goal[running], axis=0)) > _STILL).any(axis=1))
+    last = run.began[running[changed[-1] + 1]] if changed.size else run.began[running[-1]]
+    return float(run.began[running[0]]), float(min(last + _AFTER, run.write_done[-1]))
 
 
 def _figure(picture: Picture, who: str, caption: str) -> str:

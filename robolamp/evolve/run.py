@@ -6,7 +6,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from robolamp.errors import FileError
 from robolamp.evolve.selection import tournament
 from robolamp.evolve.task import Task
 from robolamp.evolve.tree import Breeder, Genome
-from robolamp.evolve.trial import Case, Score, Trials, draw_cases
+from robolamp.evolve.trial import Score, Trials, draw_cases
 from robolamp.evolve.tune import tune
 from robolamp.files import write_atomic
 from robolamp.lamp import Lamp
@@ -34,10 +34,11 @@ _JUDGED = 4  # fresh sets of cases that decide whether tuning was for the better
 
 @dataclass(frozen=True)
 class Generation:
-    """What a generation came to: a line of progress.jsonl.
+    """What a generation, or an iteration of tuning, came to: a line of progress.jsonl.
 
     Attributes:
-        generation: Its number, from 0; -1 for an iteration of tuning.
+        stage: "evolution" or "tuning".
+        generation: Its number in that stage, from 0.
         best_fitness: Fitness of its best individual, at this generation's phase.
         mean_fitness: Mean over the individuals.
         hits: Cases hit by the best.
@@ -52,6 +53,7 @@ class Generation:
         wall_s: Wall time so far [s].
     """
 
+    stage: str
     generation: int
     best_fitness: float
     mean_fitness: float
@@ -74,7 +76,7 @@ class Result:
     Attributes:
         controller: The controller file it wrote.
         best_fitness: Of the champion, at full phase.
-        generations: Every generation.
+        generations: Every generation, and every iteration of tuning.
     """
 
     controller: Path
@@ -111,18 +113,21 @@ def evolve(
         seeds: Controllers to put into the first generation.
         tuning: Iterations of CMA-ES on the champion's constants, at the end.
         command: The command line, kept in the controller file.
-        progress: Called after each generation.
+        progress: Called after each generation and each iteration of tuning.
+
+    Raises:
+        RobolampError: See `Run`.
+    """
+    return Run(task, lamp, calibration, assets, folder, seed, workers, command, progress).go(seeds, tuning)
+
+
+class Run:
+    """A run that can go: its lamps built, its cases drawn, its folder claimed. For the arguments see `evolve`.
 
     Raises:
         FileError: The folder holds a run already, or cannot be written.
+        RobolampError: The task asks for what cannot be: goals that do not fit, a period the physics cannot keep.
     """
-    if (folder / "progress.jsonl").exists() or (folder / "controller.toml").exists():
-        raise FileError("holds a run already; give another folder with -o", str(folder))
-    return _Run(task, lamp, calibration, assets, folder, seed, workers, command, progress).go(seeds, tuning)
-
-
-class _Run:
-    """A run under way: its random streams, its lamps, its history."""
 
     def __init__(
         self,
@@ -136,6 +141,8 @@ class _Run:
         command: str,
         progress: Callable[[Generation], None],
     ) -> None:
+        if (folder / "progress.jsonl").exists() or (folder / "controller.toml").exists():
+            raise FileError("holds a run already; give another folder with -o", str(folder))
         self._began = time.perf_counter()
         self._task, self._lamp, self._calibration, self._folder = task, lamp, calibration, folder
         self._seed, self._command, self._progress = seed, command, progress
@@ -155,22 +162,26 @@ class _Run:
         self._trials = Trials(self._fleet, task, self._terminals)
         self._cases = draw_cases(self._drawn, task, self._lamps)
         self._history: list[Generation] = []
-        self._examined, self._physics = 0, 0.0
+        self._examined = 0
+        write_atomic(folder / "progress.jsonl", "")
 
     def go(self, seeds: Sequence[Controller], tuning: int) -> Result:
-        """Evolve, then tune; the champion so far is on disk after each of the two."""
+        """Evolve, then tune; the champion so far is on disk after each of the two.
+
+        Args:
+            seeds: Controllers to put into the first generation.
+            tuning: Iterations of CMA-ES on the champion's constants, at the end.
+        """
         champion = self._evolve(seeds)
         fitness = self._save(champion, 0)
         if tuning:
-            last = self._history[-1]
 
-            def tuned_once(iteration: int, best: float) -> None:
-                wall = round(time.perf_counter() - self._began, 3)
-                self._progress(replace(last, generation=-1 - iteration, best_fitness=best, wall_s=wall))
+            def tuned_once(iteration: int, genomes: Sequence[Genome], score: Score) -> None:
+                self._note("tuning", iteration, score.main + score.style, genomes, score)
 
             tuned = tune(champion, self._trials, self._task, self._lamps, tuning, self._tuned, tuned_once)
             fresh = [case for _ in range(_JUDGED) for case in draw_cases(self._drawn, self._task, self._lamps)]
-            score = self._score([champion, tuned], fresh)
+            score = self._trials.score([champion, tuned], fresh)
             if np.argmin(score.main + score.style) == 1:
                 fitness = self._save(tuned, tuning)
         return Result(self._folder / "controller.toml", fitness, tuple(self._history))
@@ -182,27 +193,24 @@ class _Run:
         population += breeder.population(self._born, gp.population - len(population))
         champion, champion_fitness = population[0], math.inf
         for generation in range(gp.generations):
-            score = self._score(population, self._cases)
-            self._examined += len(population)
+            score = self._trials.score(population, self._cases)
             whole = score.main + score.style  # champions are compared at full phase
             best = int(np.argmin(whole))
             if whole[best] < champion_fitness:
                 champion, champion_fitness = population[best], float(whole[best])
             fitness = score.main + math.sqrt(generation / gp.generations) * score.style
-            self._note(generation, fitness, population, score)
+            self._note("evolution", generation, fitness, population, score)
             if generation + 1 < gp.generations:
                 population = _next(self._chosen, breeder, self._task, population, fitness)
         return champion
 
-    def _score(self, genomes: Sequence[Genome], cases: Sequence[Case]) -> Score:
-        before = time.perf_counter()
-        score = self._trials.score(genomes, cases)
-        self._physics += time.perf_counter() - before
-        return score
-
-    def _note(self, generation: int, fitness: NDArray[np.float64], genomes: Sequence[Genome], score: Score) -> None:
+    def _note(
+        self, stage: str, generation: int, fitness: NDArray[np.float64], genomes: Sequence[Genome], score: Score
+    ) -> None:
         best = int(np.argmin(fitness))
+        self._examined += len(genomes)
         entry = Generation(
+            stage=stage,
             generation=generation,
             best_fitness=float(fitness[best]),
             mean_fitness=float(fitness.mean()),
@@ -214,7 +222,7 @@ class _Run:
             nodes=sum(len(part.tokens) for part in genomes[best]),
             individuals=self._examined,
             physics_steps=self._fleet.steps,
-            physics_s=round(self._physics, 3),
+            physics_s=round(self._trials.seconds, 3),
             wall_s=round(time.perf_counter() - self._began, 3),
         )
         self._history.append(entry)
@@ -224,7 +232,7 @@ class _Run:
 
     def _save(self, champion: Genome, tuning: int) -> float:
         """Write the controller file; return its fitness on the run's cases."""
-        score = self._score([champion], self._cases)
+        score = self._trials.score([champion], self._cases)
         fitness = float(score.main[0] + score.style[0])
         controller = Controller(
             name=self._folder.resolve().name,

@@ -102,7 +102,7 @@ def _pair(table: Table, key: str, low: float, high: float) -> tuple[float, float
     numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
     if len(values) != 2 or not numbers or not low <= values[0] < values[1] <= high:
         raise table.fail(key, f"{values!r} is not two rising numbers from {low:g} to {high:g}")
-    return values[0], values[1]
+    return float(values[0]), float(values[1])
 
 
 def load_task(assets: Assets, name: str | Path) -> Task:
@@ -121,6 +121,8 @@ def load_task(assets: Assets, name: str | Path) -> Task:
     cases, gp = root.table("cases"), root.table("gp")
     crossover = gp.number("crossover", 0.0, 1.0)
     shortest, tallest = _pair(gp, "depth_at_birth", 1, 17)
+    if not shortest.is_integer() or not tallest.is_integer():
+        raise gp.fail("depth_at_birth", f"[{shortest:g}, {tallest:g}] is not two whole numbers")
     low = cases.number("low", 0.001, 100.0, "m")
     task = Task(
         name=root.text("name"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -71,6 +72,9 @@ class Score:
 class Trials:
     """Tries genomes; identical genomes are tried once.
 
+    Attributes:
+        seconds: Wall time spent in trials so far [s].
+
     Args:
         fleet: The lamps.
         task: Weights and duration.
@@ -78,6 +82,7 @@ class Trials:
     """
 
     def __init__(self, fleet: Fleet, task: Task, terminals: Sequence[str]) -> None:
+        self.seconds = 0.0
         self._fleet = fleet
         self._task = task
         self._terminals = terminals
@@ -89,6 +94,7 @@ class Trials:
             genomes: The controllers.
             cases: Goals and lamps.
         """
+        began = time.perf_counter()
         unique = list(dict.fromkeys(genomes))
         columns: list[list[NDArray[np.float64]]] = [[] for _ in range(6)]
         batch = max(1, _LANES_AT_ONCE // len(cases))
@@ -108,6 +114,7 @@ class Trials:
             )
             for column, value in zip(columns, values, strict=True):
                 column.append(value)
+        self.seconds += time.perf_counter() - began
         place = {genome: index for index, genome in enumerate(unique)}
         index = np.array([place[genome] for genome in genomes])
         return Score(*(np.concatenate(column)[index] for column in columns))  # type: ignore[arg-type]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from robolamp.evolve.task import Task
 from robolamp.evolve.tree import Genome, constants, with_constants
-from robolamp.evolve.trial import Trials, draw_cases
+from robolamp.evolve.trial import Score, Trials, draw_cases
 
 _STEP_RELATIVE, _STEP_RANGE = 0.1, 0.02  # first step of each constant: of its value, and of the task's range
 
@@ -21,7 +21,7 @@ def tune(
     lamps: int,
     iterations: int,
     seed: int,
-    progress: Callable[[int, float], None],
+    progress: Callable[[int, Sequence[Genome], Score], None],
 ) -> Genome:
     """Return a genome with better constants, or the same one where there are none to tune.
 
@@ -36,7 +36,7 @@ def tune(
         lamps: Lamps of the fleet.
         iterations: How many.
         seed: Where randomness comes from.
-        progress: Called after each iteration with its number and best fitness.
+        progress: Called after each iteration with its number, what it tried and how that scored.
     """
     start, tied = np.unique(constants(genome), return_inverse=True)
     if not len(start) or iterations < 1:
@@ -53,8 +53,7 @@ def tune(
         steps = search.ask()
         candidates = [with_constants(genome, (start + scale * step)[tied].tolist()) for step in steps]
         score = trials.score(candidates, draw_cases(rng, task, lamps))
-        fitness = score.main + score.style
-        search.tell(steps, fitness.tolist())
-        progress(iteration, float(fitness.min()))
+        search.tell(steps, (score.main + score.style).tolist())
+        progress(iteration, candidates, score)
     mean = np.asarray(search.result.xfavorite)
     return with_constants(genome, (start + scale * mean)[tied].tolist())

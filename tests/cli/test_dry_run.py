@@ -79,9 +79,7 @@ def test_a_folder_with_a_run_is_not_overwritten(ran: tuple[Path, dict]) -> None:
 
 def test_without_opengl_the_report_is_drawn(ran: tuple[Path, dict], tmp_path: Path) -> None:
     folder, said = ran
-    done = robolamp(
-        "compare", str(folder / said["log"]), "-o", "report.html", cwd=tmp_path, MUJOCO_GL="off"
-    )
+    done = robolamp("compare", str(folder / said["log"]), "-o", "report.html", cwd=tmp_path, MUJOCO_GL="off")
     assert done.returncode in (0, 1), done.stderr
     assert "data:image/" in (tmp_path / "report.html").read_text()
 

@@ -67,4 +67,4 @@ def test_a_log_that_is_none_is_2_with_json(tmp_path, capsys):
 def test_help_explains_the_exit_codes(capsys):
     code, out, _ = call(capsys, "--help")
     assert code == 0
-    assert "Exit code 0: inside the tolerances; 1: outside; 2: could not" in out
+    assert "Exit code 0: inside the tolerances; 1: outside; 2: could not compare." in " ".join(out.split())

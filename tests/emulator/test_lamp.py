@@ -165,7 +165,7 @@ def test_velocity_lags_by_half_its_window() -> None:
     client = Client()
     client.start()
     client.wait(0.5)
-    client.go([0.0, 0.0, 0.8])
+    client.go([0.0, 0.0, 0.3])
     seen, true = [], []
     for _ in range(100):
         client.wait(0.002)

@@ -1,0 +1,189 @@
+"""The command line: help, scores, runs, and one line for every kind of bad input."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robolamp.cli.main import main
+
+CONTROLLER = """
+schema = 1
+name = "nod"
+[joints]
+ankle = "0"
+knee = "0"
+neck = "(* 0.2 (ifltz (- 0.5 t) 1 -1))"
+"""
+
+
+@pytest.fixture
+def nod(tmp_path: Path) -> Path:
+    path = tmp_path / "nod.toml"
+    path.write_text(CONTROLLER)
+    return path
+
+
+def call(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
+    """Exit code, stdout and stderr of one command."""
+    with pytest.raises(SystemExit) as ended:
+        main([str(word) for word in words])
+    out, err = capsys.readouterr()
+    return int(ended.value.code or 0), out, err
+
+
+def test_help_names_every_verb_and_loads_nothing_heavy() -> None:
+    code = (
+        "import sys; from robolamp.cli.main import main\n"
+        "try: main(['--help'])\nexcept SystemExit as end: code = end.code\n"
+        "print(sorted({'mujoco', 'numba', 'numpy', 'serial', 'matplotlib'} & set(sys.modules)), code)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    for verb in ("dry-run", "deploy", "emulate", "evolve", "score", "compare", "render"):
+        assert verb in done.stdout
+    assert done.stdout.rstrip().endswith("[] 0")
+
+
+@pytest.mark.parametrize("verb", ["dry-run", "deploy", "emulate", "evolve", "score", "compare", "render"])
+def test_every_verb_explains_itself(capsys: pytest.CaptureFixture[str], verb: str) -> None:
+    code, out, err = call(capsys, verb, "--help")
+    assert (code, err) == (0, "")
+    assert f"robolamp {verb}" in out
+    assert "--json" in out
+
+
+def test_scores_have_an_entry_a_goal(capsys: pytest.CaptureFixture[str], nod: Path) -> None:
+    code, out, err = call(capsys, "score", nod, "--goals", "0.01:0.4:4", "--duration", "1", "--json")
+    assert (code, err) == (0, "")
+    said = json.loads(out)
+    np.testing.assert_allclose(said["goals_m"], np.linspace(0.01, 0.4, 4))
+    assert np.shape(said["errors_m"]) == np.shape(said["hops"]) == np.shape(said["flight_share"]) == (4,)
+    assert all(isinstance(hops, int) for hops in said["hops"])
+    np.testing.assert_allclose(said["errors_m"], -np.array(said["goals_m"]), atol=0.01)  # it nods where it stands
+    assert said["flight_share"] == [None] * 4
+    assert (said["hits"], said["hits_1997"], said["falls"]) == (1, 1, 0)
+    assert out.count("\n") == 1
+
+
+def test_scores_over_a_spread_have_a_leading_axis_of_lamps(capsys: pytest.CaptureFixture[str], nod: Path) -> None:
+    words = ("score", nod, "--goals", "0.1:0.4:2", "--duration", "1", "--json", "--lamps", "3")
+    first = json.loads(call(capsys, *words)[1])
+    assert np.shape(first["errors_m"]) == np.shape(first["hops"]) == np.shape(first["flight_share"]) == (3, 2)
+    assert np.shape(first["goals_m"]) == (2,)
+    assert len({row[0] for row in first["errors_m"]}) == 3
+    assert json.loads(call(capsys, *words, "--workers", "1")[1]) == first
+    assert json.loads(call(capsys, *words, "--seed", "2")[1])["errors_m"] != first["errors_m"]
+    none = json.loads(call(capsys, *words, "--spread", "0")[1])
+    assert len({row[0] for row in none["errors_m"]}) == 1
+
+
+def test_one_lamp_drawn_is_not_the_calibrated_one(capsys: pytest.CaptureFixture[str], nod: Path) -> None:
+    words = ("score", nod, "--goals", "0.2", "--duration", "1", "--json")
+    drawn = json.loads(call(capsys, *words, "--lamps", "1")[1])
+    assert np.shape(drawn["errors_m"]) == (1, 1)
+    assert drawn["errors_m"][0][0] != json.loads(call(capsys, *words)[1])["errors_m"][0]
+
+
+def test_scores_for_people(capsys: pytest.CaptureFixture[str], nod: Path) -> None:
+    code, out, err = call(capsys, "score", nod, "--goals", "0.1:0.4:20", "--duration", "1")
+    assert (code, err) == (0, "")
+    assert "nod on the twin" in out
+    assert "20 runs: 0 hits" in out
+
+
+def test_a_controller_that_falls_is_scored_not_refused(capsys: pytest.CaptureFixture[str], nod: Path) -> None:
+    nod.write_text(CONTROLLER.replace('ankle = "0"', 'ankle = "0.6"').replace('knee = "0"', 'knee = "(- 0 1)"'))
+    said = json.loads(call(capsys, "score", nod, "--goals", "0.3", "--duration", "2", "--json")[1])
+    assert (said["falls"], said["hits"]) == (1, 0)
+
+
+def test_a_run_from_the_command_line(capsys: pytest.CaptureFixture[str], tmp_path: Path, nod: Path) -> None:
+    words = ("evolve", "hop", "-o", tmp_path / "run", "--population", "4", "--generations", "2", "--seed-from", nod)
+    code, out, err = call(capsys, *words, "--seed", "3", "--json")
+    assert (code, err) == (0, "")
+    said = json.loads(out)
+    assert said.keys() >= {
+        "controller", "best_fitness", "individuals", "physics_steps", "physics_s", "wall_s", "generations",
+    }  # fmt: skip
+    assert said["individuals"] == 8
+    assert said["physics_s"] <= said["wall_s"]
+    assert Path(said["controller"]).is_file()
+    assert len((tmp_path / "run" / "progress.jsonl").read_text().splitlines()) == 2
+    code, out, err = call(capsys, *words)
+    assert (code, out) == (2, "")
+    assert err.startswith(f"robolamp: {tmp_path / 'run'}: holds a run already")
+    code, _, err = call(capsys, "score", said["controller"], "--goals", "0.3", "--duration", "1")
+    assert (code, err) == (0, "")
+
+
+def test_progress_for_people(capsys: pytest.CaptureFixture[str], tmp_path: Path, nod: Path) -> None:
+    code, out, err = call(
+        capsys, "evolve", "hop", "-o", tmp_path / "run", "--population", "2", "--generations", "1", "--seed-from", nod
+    )
+    assert code == 0
+    assert "Controller:" in out
+    assert "generation" in err
+
+
+def bad_inputs() -> list:
+    broken = CONTROLLER.replace('ankle = "0"', 'ankle = "(+ 0"')
+    unknown = CONTROLLER.replace('ankle = "0"', 'ankle = "q7"')
+    period = CONTROLLER.replace('name = "nod"', 'name = "nod"\ncontrol_period = 0.003')
+    sees = CONTROLLER.replace('ankle = "0"', 'ankle = "px"')
+    return [
+        pytest.param(words, files, message, id=message[:40])
+        for words, files, message in (
+            ("hop --no-such-option", {}, "command line: Unknown option"),
+            ("hop --goals 0.3:0.1:2", {}, "--goals: '0.3:0.1:2': 0.3 m is above 0.1 m"),
+            ("hop --goals far", {}, "--goals: 'far' is not a length above 0 m and up to 5 m"),
+            ("hop --goals 0.1:0.2", {}, "--goals: '0.1:0.2' is not LOW:HIGH:COUNT"),
+            ("hop --lamps 0", {}, "command line: Invalid value"),
+            ("hop --duration nan", {}, "command line: Invalid value"),
+            ("hop --calibration none", {}, "none: no such calibration; give a file, or one of: nominal"),
+            ("hop --lamp none", {}, "none: is not a folder"),
+            ("none.toml", {}, "none.toml: no such controller; give a file, or one of: "),
+            ("c.toml", {"c.toml": "x = ["}, "c.toml: not valid TOML"),
+            ("c.toml", {"c.toml": broken}, "c.toml: joints.ankle: found the end at line 1, column 5"),
+            ("c.toml", {"c.toml": unknown}, "c.toml: joints.ankle: found 'q7' at line 1, column 1; expected a number"),
+            ("c.toml", {"c.toml": period}, "control_period: 0.003 s is not a whole number of physics steps"),
+            ("hop --lamp .", {"hardware/lamp.toml": "name = 1"}, "hardware/lamp.toml: bus: missing"),
+            ("hop --lamp .", {"sim/lamp/scene.xml": "<mujoco"}, "sim/lamp/scene.xml: not a MuJoCo model"),
+            ("hop --lamp . --lamps 2", {"sim/tasks/spread.toml": ""}, "sim/tasks/spread.toml: schema: missing"),
+            ("hop --calibration c.toml", {"c.toml": "schema = 1"}, "c.toml: lamp: missing"),
+            ("evolve juggle -o run", {}, "juggle: no such task; give a file, or one of: hop"),
+            ("evolve hop -o run --population 0", {}, "command line: Invalid value"),
+            ("evolve hop -o c.toml", {"c.toml": ""}, "--output c.toml: is not a folder"),
+            ("evolve hop -o run --seed-from c.toml", {"c.toml": sees}, "--seed-from c.toml: joints.ankle: needs px"),
+            ("evolve hop -o c.toml/run", {"c.toml": ""}, "c.toml/run"),
+            ("render hop -o c.jpg", {}, "--output: 'c.jpg' does not end in .png or .gif"),
+        )
+    ]
+
+
+@pytest.mark.parametrize(("words", "files", "message"), bad_inputs())
+def test_bad_input_is_one_line_and_exit_code_2(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str, files: dict,
+    message: str,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    before = sorted(tmp_path.rglob("*"))
+    arguments = words.split() if words.split(maxsplit=1)[0] in ("evolve", "render") else ["score", *words.split()]
+    code, out, err = call(capsys, *arguments)
+    assert (code, out) == (2, "")
+    assert err.startswith("robolamp: ")
+    assert err.count("\n") == 1
+    assert message in err
+    code, out, err = call(capsys, *arguments, "--json")
+    assert (code, err) == (2, "")
+    said = json.loads(out)
+    assert said.keys() == {"error", "where"}
+    assert message in f"{said['where']}: {said['error']}"
+    assert sorted(tmp_path.rglob("*")) == before  # nothing half-written

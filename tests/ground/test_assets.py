@@ -1,0 +1,54 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from robolamp import assets
+from robolamp.assets import Assets
+from robolamp.errors import FileError
+
+
+def own(folder: Path) -> Assets:
+    (folder / "calibration").mkdir()
+    (folder / "calibration" / "mine.toml").write_text("")
+    (folder / "calibration" / "nominal.toml").write_text("")
+    return Assets.of(folder)
+
+
+def test_ones_own_files_come_before_the_shipped_ones(tmp_path: Path) -> None:
+    mine = own(tmp_path)
+    assert mine.path("calibration/nominal.toml") == tmp_path / "calibration" / "nominal.toml"
+    assert mine.named("mine", "calibration", "calibration") == tmp_path / "calibration" / "mine.toml"
+    assert mine.named("nominal.toml", "calibration", "calibration") == tmp_path / "calibration" / "nominal.toml"
+    assert mine.path("hardware/lamp.toml") == Assets().path("hardware/lamp.toml")
+
+
+def test_a_path_is_taken_as_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "x.toml"
+    path.write_text("")
+    assert Assets().named(path, "calibration", "calibration") == path
+
+
+@pytest.mark.parametrize("name", ["nowhere", "a/nominal", "nominal.txt", "", ".", "x" * 5000])
+def test_an_unknown_name_is_refused(name: str) -> None:
+    with pytest.raises(FileError) as caught:
+        Assets().named(name, "calibration", "calibration")
+    assert "\n" not in str(caught.value)
+    if len(name) < 100:
+        assert "no such calibration; give a file, or one of: nominal" in str(caught.value)
+
+
+def test_missing_folders_and_files_are_named(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="none: is not a folder; `--lamp` expects one"):
+        Assets.of(tmp_path / "none")
+    with pytest.raises(FileError, match=r"sim/lamp/lamp\.obj not found"):
+        Assets.of(tmp_path).path("sim/lamp/lamp.obj")
+    assert Assets.of(None) == Assets()
+
+
+def test_a_wheel_keeps_its_data_inside_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = tmp_path / "site-packages" / "robolamp"
+    package.mkdir(parents=True)
+    monkeypatch.setattr(assets, "_PACKAGE", package)
+    assert assets.shipped() == package / "_assets"

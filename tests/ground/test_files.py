@@ -1,0 +1,145 @@
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robolamp.errors import FileError, RobolampError
+from robolamp.files import Table, read_text, read_toml, sha256, write_atomic
+
+
+def test_an_error_is_one_line_with_its_place() -> None:
+    error = RobolampError("3 is not 1 or 2", "lamp.toml")
+    assert (str(error), error.message, error.where) == ("lamp.toml: 3 is not 1 or 2", "3 is not 1 or 2", "lamp.toml")
+    assert str(RobolampError("nothing")) == "nothing"
+
+
+def test_a_file_is_written_whole_with_missing_folders_and_ordinary_rights(tmp_path: Path) -> None:
+    path = tmp_path / "a" / "b.toml"
+    write_atomic(path, "äöü\n")
+    write_atomic(path, b"\x00\xff")
+    assert path.read_bytes() == b"\x00\xff"
+    umask = os.umask(0o022)
+    try:
+        write_atomic(path, "x")
+    finally:
+        os.umask(umask)
+    assert path.stat().st_mode & 0o777 == 0o644
+    assert [item.name for item in path.parent.iterdir()] == ["b.toml"]
+
+
+def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "b.toml"
+    write_atomic(path, "old")
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(FileError, match=r"b\.toml: cannot be written: No space left on device"):
+        write_atomic(path, "new")
+    assert path.read_text() == "old"
+    assert [item.name for item in tmp_path.iterdir()] == ["b.toml"]
+    with pytest.raises(FileError, match="cannot be written"):
+        write_atomic(path / "below", "x")
+
+
+def test_a_folder_in_the_way_is_an_error_and_leaves_nothing(tmp_path: Path) -> None:
+    (tmp_path / "taken").mkdir()
+    with pytest.raises(FileError, match="taken: cannot be written"):
+        write_atomic(tmp_path / "taken", "x")
+    assert [item.name for item in tmp_path.iterdir()] == ["taken"]
+
+
+def test_hashes_and_unreadable_files(tmp_path: Path) -> None:
+    path = tmp_path / "x"
+    path.write_bytes(b"abc")
+    assert sha256(path) == hashlib.sha256(b"abc").hexdigest()
+    for read in (read_text, read_toml, sha256):
+        with pytest.raises(FileError, match="none: cannot be read: No such file or directory"):
+            read(tmp_path / "none")
+
+
+@given(st.text(max_size=50))
+def test_any_text_is_toml_or_refused_in_one_line(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
+    path = tmp_path_factory.getbasetemp() / "any.toml"
+    path.write_text(text, encoding="utf-8", errors="surrogatepass")
+    try:
+        assert isinstance(read_toml(path), dict)
+    except FileError as error:
+        message = str(error)
+    else:
+        return
+    assert message.startswith(f"{path}: not ")
+    assert "\n" not in message
+
+
+def table(**data: object) -> Table:
+    return Table(data, "file.toml", "part")
+
+
+@pytest.mark.parametrize("value", [True, "1", float("nan"), float("inf"), 5.1, -1, [1], 10**400])
+def test_what_is_no_number_in_range(value: object) -> None:
+    with pytest.raises(FileError, match=r"^file\.toml: part\.x: .* is not a number from 0 to 5 m$"):
+        table(x=value).number("x", 0.0, 5.0, "m")
+    with pytest.raises(FileError):
+        table(x=value).integer("x", 0, 5)
+
+
+@pytest.mark.parametrize("value", [float("inf"), float("nan"), 10**400])
+def test_no_upper_bound_still_means_a_finite_number(value: object) -> None:
+    with pytest.raises(FileError, match="is not a number from 0 to inf"):
+        table(x=value).number("x", 0.0, float("inf"))
+    assert table(x=1e300).number("x", 0.0, float("inf")) == 1e300
+
+
+def test_values_with_their_types_and_defaults() -> None:
+    full = table(n=2, f=0.5, t="a", b=False, a=[1], d={"k": 1}, ds=[{"k": 2}])
+    assert isinstance(full.number("n", 0, 5), float)
+    assert full.integer("n", 0, 5) == 2
+    assert full.text("t", ["a", "b"]) == "a"
+    assert full.flag("b") is False
+    assert full.array("a") == [1]
+    assert full.table("d").integer("k", 0, 5) == 1
+    assert [part.integer("k", 0, 5) for part in full.tables("ds")] == [2]
+    assert full.names() == ["n", "f", "t", "b", "a", "d", "ds"]
+    assert "n" in full
+    assert "x" not in full
+    empty = table()
+    assert empty.number("x", 0, 1, default=None) is None
+    assert empty.integer("x", 0, 1, default=7) == 7
+    assert empty.text("x", default="") == ""
+    assert empty.flag("x", default=True) is True
+    assert empty.array("x", default=[]) == []
+    assert empty.table("x", default={}).names() == []
+
+
+@pytest.mark.parametrize(
+    ("read", "words"),
+    [
+        (lambda t: t.number("x", 0, 1, "V"), "part.x: missing; expected a number from 0 to 1 V"),
+        (lambda t: t.integer("x", 0, 1), "part.x: missing; expected a whole number from 0 to 1"),
+        (lambda t: t.text("x", ["a", "b"]), "part.x: missing; expected one of a, b"),
+        (lambda t: t.flag("x"), "part.x: missing; expected true or false"),
+        (lambda t: t.array("x"), "part.x: missing; expected an array"),
+        (lambda t: t.table("x"), "part.x: missing; expected a table"),
+        (lambda t: t.tables("x"), "part.x: missing; expected an array of tables"),
+        (lambda t: t.integer("f", 0, 1), "part.f: 0.5 is not a whole number"),
+        (lambda t: t.text("f"), "part.f: 0.5 is not a text"),
+        (lambda t: t.flag("f"), "part.f: 0.5 is not true or false"),
+        (lambda t: t.array("f"), "part.f: 0.5 is not an array"),
+        (lambda t: t.table("f"), "part.f: 0.5 is not a table"),
+        (lambda t: t.tables("f"), "part.f: expected one or more tables"),
+        (lambda t: t.done(), "part.f: unknown; expected one of "),
+    ],
+)
+def test_every_refusal_names_key_and_expectation(read, words: str) -> None:
+    with pytest.raises(FileError) as caught:
+        read(table(f=0.5))
+    assert str(caught.value).startswith(f"file.toml: {words}")

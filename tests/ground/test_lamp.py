@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robolamp.assets import Assets
+from robolamp.errors import FileError
+from robolamp.lamp import Lamp, load_lamp
+from robolamp.signals import Health, Interventions
+
+TEXT = """
+name = "lamp"
+model = "sim/lamp/scene.xml"
+[bus]
+port = "/dev/ttyUSB0"
+baud = 1_000_000
+[foot]
+port = "/dev/ttyACM0"
+baud = 115_200
+contact_on = 0.40
+contact_off = 0.20
+[safety]
+preflight_angle = 0.17
+[[joint]]
+name = "ankle"
+servo = "XL330-M288-T"
+id = 1
+sign = 1
+zero = 3.141593
+lower = -0.60
+upper = 0.60
+rest = 0.0
+slew = 14.0
+position_p_gain = 800
+[[joint]]
+name = "knee"
+servo = "XL330-M288-T"
+id = 2
+sign = -1
+zero = 3.141593
+lower = -1.00
+upper = 0.78
+slew = 14.0
+position_p_gain = 800
+"""
+
+
+def changed(folder: Path, old: str, new: str) -> Lamp:
+    assert old in TEXT
+    (folder / "hardware").mkdir(exist_ok=True)
+    (folder / "hardware" / "lamp.toml").write_text(TEXT.replace(old, new, 1))
+    return load_lamp(Assets.of(folder))
+
+
+def test_the_shipped_lamp() -> None:
+    lamp = load_lamp(Assets())
+    assert lamp.names == ("ankle", "knee", "neck")
+    assert lamp.source == Assets().path("hardware/lamp.toml").read_text()
+    assert (lamp.lower < 0).all()
+    assert (lamp.upper > 0).all()
+    assert ((lamp.lower <= lamp.rest) & (lamp.rest <= lamp.upper)).all()
+    assert lamp.slew.shape == (3,)
+    assert lamp.contact_off < lamp.contact_on
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("baud = 1_000_000", "baud = 100", "bus.baud: 100 is not a whole number from 9600 to 4500000"),
+        ("sign = -1", "sign = 0", "joint[1].sign: 0 is not one of -1, 1"),
+        ("sign = -1", "sign = 2", "joint[1].sign: 2 is not a whole number from -1 to 1"),
+        ("id = 2", "id = 1", "joint: two joints have the same id (1, 1)"),
+        ("id = 2", "id = 253", "joint[1].id: 253 is not a whole number from 0 to 252"),
+        ('name = "knee"', 'name = "ankle"', "joint: two joints have the same name (ankle, ankle)"),
+        ('servo = "XL330-M288-T"', 'servo = "AX-12"', "joint[0].servo: 'AX-12' is not one of XL330-M288-T,"),
+        ("lower = -1.00", "lower = 1.00", "joint[1].upper: 0.78 is not above lower = 1 rad"),
+        ("rest = 0.0", "rest = 2.0", "joint[0].rest: 2.0 is not a number from -0.6 to 0.6 rad"),
+        ("slew = 14.0", "slew = nan", "joint[0].slew: nan is not a number from 0.1 to 100 rad/s"),
+        ("zero = 3.141593", "zero = 180", "joint[0].zero: 180 is not a number from 0 to 6.28319 rad"),
+        ("contact_off = 0.20", "contact_off = 0.5", "foot.contact_off: 0.5 is not a number from 0 to 0.4 N"),
+        ("[safety]", "[safetey]", "safety: missing; expected a table"),
+        ('name = "lamp"', 'name = "lamp"\ncolour = "red"', "colour: unknown; expected one of"),
+        ("slew = 14.0", "slew = 14.0\nspeed = 1", "joint[0].speed: unknown; expected one of"),
+    ],
+)
+def test_a_bad_description_is_refused_by_file_key_and_legal_values(
+    tmp_path: Path, old: str, new: str, words: str
+) -> None:
+    with pytest.raises(FileError) as caught:
+        changed(tmp_path, old, new)
+    assert str(caught.value).startswith(f"{tmp_path / 'hardware' / 'lamp.toml'}: {words}")
+
+
+def test_a_description_read_back(tmp_path: Path) -> None:
+    lamp = changed(tmp_path, "rest = 0.0", "rest = 0.5")
+    assert lamp.names == ("ankle", "knee")
+    assert lamp.rest.tolist() == [0.5, 0.0]
+    assert lamp.lower.tolist() == [-0.6, -1.0]
+    assert lamp.joints[1].sign == -1
+    assert (lamp.bus_baud, lamp.foot_port, lamp.contact_off) == (1_000_000, "/dev/ttyACM0", 0.2)
+
+
+def test_what_is_not_known_of_servos_is_not_a_number() -> None:
+    health = Health.unknown(3)
+    assert np.isnan([health.voltage, health.temperature, health.pwm]).all()
+    assert health.torque.tolist() == health.hardware_error.tolist() == [-1] * 3
+    health.voltage[0] = 5.0
+    assert np.isnan(health.temperature[0])
+    assert Interventions(1, 2, 4).total == 7
