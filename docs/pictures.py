@@ -26,8 +26,7 @@ def main() -> None:
     with Camera(twin, 960, 540) as camera:
         picture = camera.shoot(qpos_of(twin, (0.0, 0.0, 0.0), np.zeros(len(lamp.joints))), "portrait")
     Image.fromarray(picture).save(_DOCS / "lamp.png", optimize=True)
-    for name in ("hop.png", "hop.gif"):
-        subprocess.run([sys.executable, "-m", "robolamp", "render", "hop", "-o", str(_DOCS / name)], check=True)
+    subprocess.run([sys.executable, "-m", "robolamp", "render", "hop", "-o", str(_DOCS / "hop.gif")], check=True)
 
 
 if __name__ == "__main__":
