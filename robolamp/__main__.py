@@ -1,5 +1,5 @@
 """`python -m robolamp`: the same as the `robolamp` command."""
 
-from robolamp.cli.main import main
+from robolamp.cli.entry import main
 
 main()

@@ -41,7 +41,11 @@ class Assets:
         if folder is None:
             return cls()
         path = Path(folder)
-        if not path.is_dir():
+        try:
+            found = path.is_dir()
+        except OSError as error:  # such as a name that is too long
+            raise FileError(f"cannot be read: {error.strerror}", str(folder)) from None
+        if not found:
             raise FileError("is not a folder; `--lamp` expects one laid out like robolamp's own", str(folder))
         return cls(path)
 
@@ -56,23 +60,24 @@ class Assets:
             relative: The path inside a root, as "sim/lamp/scene.xml".
 
         Raises:
-            FileError: No root has it.
+            FileError: No root has it, or something there is no file.
         """
         for root in self.roots():
-            if (root / relative).is_file():
+            if _is_file(root / relative):
                 return root / relative
         raise FileError(f"{relative} not found", " or ".join(str(root) for root in self.roots()))
 
-    def named(self, name: str | Path, folder: str, kind: str) -> Path:
+    def named(self, name: str | Path, folder: str, kind: str, exclude: tuple[str, ...] = ()) -> Path:
         """Return a TOML file given by path, or by the name of one in a data folder.
 
         Args:
             name: A path to a file, or a bare name such as "hop".
             folder: The data folder names are looked up in, as "sim/lamp/controllers".
             kind: What it is, for the message, as "controller".
+            exclude: Names of that folder's files that are of another kind.
 
         Raises:
-            FileError: Neither a file nor a known name; the message lists the known ones.
+            FileError: Neither a file nor a known name; the message lists the known ones. Or a folder has that name.
         """
         path = Path(name)
         try:
@@ -81,15 +86,22 @@ class Assets:
             raise FileError(f"cannot be read: {error.strerror}", str(name)) from None
         if exists:
             return path
-        if path.parent == Path() and path.suffix in ("", ".toml"):
+        if path.parent == Path() and path.suffix in ("", ".toml") and path.stem not in exclude:
             for root in self.roots():
                 candidate = root / folder / f"{path.stem}.toml"
-                if candidate.is_file():
+                if _is_file(candidate):
                     return candidate
-        known = ", ".join(sorted({item.stem for item in self.all(folder)})) or "none"
+        known = ", ".join(sorted({item.stem for item in self.all(folder)} - {*exclude})) or "none"
         raise FileError(f"no such {kind}; give a file, or one of: {known}", str(name))
 
     def all(self, folder: str) -> Iterable[Path]:
         """Yield every TOML file of a data folder, the user's own first."""
         for root in self.roots():
             yield from sorted((root / folder).glob("*.toml"))
+
+
+def _is_file(path: Path) -> bool:
+    """Return whether there is a file; a folder in its place is refused, not passed over for a shipped file."""
+    if path.is_dir():
+        raise FileError("is a folder; expected a file", str(path))
+    return path.is_file()

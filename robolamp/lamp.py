@@ -15,6 +15,9 @@ from robolamp.files import Table, read_toml
 SERVO_MODELS = ("XL330-M288-T", "XL330-M077-T", "XL430-W250-T")
 """Servo models that a lamp may name."""
 
+PREFLIGHT_ANGLE_MAX = 0.5
+"""Largest `safety.preflight_angle` [rad]: a joint further outside its limits stands on its stops or is misdescribed."""
+
 
 @dataclass(frozen=True)
 class Joint:
@@ -108,6 +111,10 @@ def _joint(table: Table) -> Joint:
     upper = table.number("upper", -math.pi, math.pi, "rad")
     if lower >= upper:
         raise table.fail("upper", f"{upper:g} is not above lower = {lower:g} rad")
+    if lower > 0.0:
+        raise table.fail("lower", f"{lower:g} is above 0 rad; the soft start goes to the neutral pose, 0 rad")
+    if upper < 0.0:
+        raise table.fail("upper", f"{upper:g} is below 0 rad; the soft start goes to the neutral pose, 0 rad")
     sign = table.integer("sign", -1, 1)
     if sign == 0:
         raise table.fail("sign", "0 is not one of -1, 1")
@@ -154,7 +161,7 @@ def load_lamp(assets: Assets) -> Lamp:
         foot_baud=foot.integer("baud", 9600, 4_000_000),
         contact_on=contact_on,
         contact_off=foot.number("contact_off", 0.0, contact_on, "N"),
-        preflight_angle=safety.number("preflight_angle", 0.0, math.pi, "rad"),
+        preflight_angle=safety.number("preflight_angle", 0.0, PREFLIGHT_ANGLE_MAX, "rad"),
         source=path.read_text(encoding="utf-8"),
         path=path,
     )

@@ -28,5 +28,10 @@ def open_error(path: str, error: Exception, option: str) -> BusError:
     elif "Could not configure port" in text or code in (errno.ENOTTY, errno.EISDIR):
         said = f"not a serial port; give one with {option}"
     else:
-        said = f"cannot be opened: {getattr(error, 'strerror', None) or text}"
+        said = f"cannot be opened: {said_by(error)}"
     return BusError(said, path)
+
+
+def said_by(error: Exception) -> str:
+    """Return what the operating system said; a termios.error has it in its arguments, and no strerror."""
+    return str(getattr(error, "strerror", None) or (error.args[-1] if error.args else error))

@@ -11,6 +11,7 @@ from cyclopts import Parameter
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.cli.output import print_json
+from robolamp.errors import FileError
 
 
 def compare(
@@ -42,6 +43,8 @@ def compare(
     from robolamp.compare.run import compare_log  # noqa: PLC0415
     from robolamp.compare.tolerances import load_tolerances  # noqa: PLC0415
 
+    if not log.name:
+        raise FileError("is a folder; expected a log (.mcap)", str(log))
     assets = Assets.of(lamp)
     result = compare_log(
         log,

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter, validators
-from rich.console import Console
+from cyclopts import Parameter
 
-from robolamp.cli.options import Setup, length
-from robolamp.cli.output import print_json
+from robolamp.cli.options import DURATION, Setup, length
+from robolamp.cli.output import counted, print_json
+from robolamp.errors import FileError
 
 
 def deploy(
@@ -19,7 +19,7 @@ def deploy(
     goal: str,
     port: str | None = None,
     foot_port: str | None = None,
-    duration: Annotated[float, Parameter(validator=validators.Number(gte=0.5, lte=600))] = 5.0,
+    duration: Annotated[float, DURATION] = 5.0,
     calibration: str = "nominal",
     lamp: Path | None = None,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
@@ -44,43 +44,37 @@ def deploy(
     setup = Setup.of(lamp, calibration)
     loaded = setup.controller(controller, on_board=True)
     distance = length(goal, "--goal")
+    servos, foot = port or setup.lamp.bus_port, foot_port or setup.lamp.foot_port
+    for key, option, value in (("bus.port", "--port", servos), ("foot.port", "--foot-port", foot)):
+        if not value.strip():
+            raise FileError(
+                f"{key}: {value!r} is not a serial port; name it there or by {option}", str(setup.lamp.path)
+            )
 
     from robolamp.cli.drive import Drive, drive, run_folder  # noqa: PLC0415 (after the arguments are checked)
+    from robolamp.cli.outcome import account, ended, facts, reporting, tell, tell_of_none, tidying  # noqa: PLC0415
     from robolamp.compare.report import sentence  # noqa: PLC0415
     from robolamp.compare.run import compare_log  # noqa: PLC0415
     from robolamp.runtime.stop import StopRequest  # noqa: PLC0415
 
     folder = run_folder(output, loaded, distance)
     plan = Drive(setup, loaded, distance, duration, "lamp", folder / "log.mcap")
-    with StopRequest() as stop:
-        result = drive(plan, port or setup.lamp.bus_port, foot_port or setup.lamp.foot_port, stop, as_json)
-    comparison = compare_log(plan.log, assets=setup.assets, calibration=setup.calibration, out=folder / "report.html")
-    if as_json:
-        print_json(
-            {
-                "goal_m": distance,
-                "landed_m": None,
-                "error_m": None,
-                "hops": result.hops,
-                "fell": None,
-                "ended": result.ended,
-                "ticks": result.ticks,
-                "missed_ticks": result.missed_ticks,
-                "faults": result.faults,
-                "interventions": vars(result.interventions),
-                "verdict": comparison.verdict,
-                "log": plan.log,
-                "report": comparison.report,
-            }
+    with tidying(plan), StopRequest() as stop:
+        result = drive(plan, servos, foot, stop, as_json)
+    if not plan.phases["run"]:
+        return tell_of_none(plan, result, as_json)
+    with reporting(plan.log):
+        comparison = compare_log(
+            plan.log, assets=setup.assets, calibration=setup.calibration, out=folder / "report.html"
         )
+    if as_json:
+        print_json({**facts(plan, result), "verdict": comparison.verdict, "report": comparison.report})
     else:
-        faults = ", ".join(f"{text} (x{count})" for text, count in result.faults.items()) or "none"
-        Console(highlight=False, soft_wrap=True).print(
-            f"[bold]{result.ended}{': ' + result.reason if result.reason else ''}[/bold] after {result.hops} hops"
-            f" (where it landed is for your ruler: nothing on the lamp measures it).\n"
-            f"Ticks {result.ticks}, missed {result.missed_ticks}, envelope interventions"
-            f" {result.interventions.total}, faults: {faults}.\n"
+        tell(
+            ended(result),
+            f" after {counted(result.hops, 'hop')} (where it landed is for your ruler: nothing on the lamp measures"
+            f" it).\n{account(result)}\n"
             f"Twin against lamp: {sentence(comparison)}\n"
-            f"log     {plan.log}\nreport  {comparison.report}"
+            f"log     {plan.log}\nreport  {comparison.report}",
         )
     return 0 if result.ended == "finished" else 1

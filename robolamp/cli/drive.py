@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from robolamp.cli.live import LiveView
@@ -34,6 +35,7 @@ class Drive:
         duration: Length of the run phase [s].
         backend: "emulator" or "lamp", for the log.
         log: The log file.
+        phases: How many ticks there were so far, by phase.
     """
 
     setup: Setup
@@ -42,6 +44,7 @@ class Drive:
     duration: float
     backend: str
     log: Path
+    phases: Counter[str] = field(default_factory=Counter)
 
 
 def drive(plan: Drive, servo_port: str, foot_port: str, stop: StopRequest, quiet: bool) -> RunResult:
@@ -89,6 +92,7 @@ def drive(plan: Drive, servo_port: str, foot_port: str, stop: StopRequest, quiet
                 view.event(level, text)
 
             def tick(entry: Tick) -> None:
+                plan.phases[entry.phase] += 1
                 log.tick(entry)
                 view.tick(entry)
 
@@ -112,11 +116,14 @@ def run_folder(output: Path | None, controller: Controller, goal: float) -> Path
         goal: [m].
 
     Raises:
-        FileError: The folder holds a run already.
+        FileError: The folder holds a run already, or its name cannot be one.
     """
     folder = output or Path("runs") / f"{time.strftime('%Y%m%d-%H%M%S')}-{controller.name}-{goal * 100:.0f}cm"
-    if (folder / "log.mcap").exists():
-        raise FileError("holds a run already; give another folder with -o", str(folder))
-    if folder.exists() and not folder.is_dir():
-        raise FileError("is not a folder", str(folder))
+    try:
+        if (folder / "log.mcap").exists():
+            raise FileError("holds a run already; give another folder with -o", str(folder))
+        if folder.exists() and not folder.is_dir():
+            raise FileError("is not a folder", str(folder))
+    except OSError as error:  # such as a name that is too long
+        raise FileError(f"cannot be used: {error.strerror or error}", str(folder)) from None
     return folder

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from cyclopts import Parameter, validators
+from cyclopts import Parameter
 from rich.console import Console
 
-from robolamp.cli.options import Setup, length
-from robolamp.cli.output import print_json
+from robolamp.cli.options import DURATION, Setup, length
+from robolamp.cli.output import counted, print_json
 from robolamp.errors import BusError
 
 _READY_TIMEOUT = 60.0  # the emulator compiles its friction kernel on its first start [s]
@@ -27,7 +27,7 @@ def dry_run(
     /,
     *,
     goal: str,
-    duration: Annotated[float, Parameter(validator=validators.Number(gte=0.5, lte=600))] = 5.0,
+    duration: Annotated[float, DURATION] = 5.0,
     reality: str = "worn",
     calibration: str = "nominal",
     lamp: Path | None = None,
@@ -51,6 +51,7 @@ def dry_run(
     distance = length(goal, "--goal")
 
     from robolamp.cli.drive import Drive, drive, run_folder  # noqa: PLC0415 (after the arguments are checked)
+    from robolamp.cli.outcome import account, ended, facts, reporting, tell, tell_of_none, tidying  # noqa: PLC0415
     from robolamp.compare.report import sentence  # noqa: PLC0415
     from robolamp.compare.run import compare_log  # noqa: PLC0415
     from robolamp.emulator.reality import load_reality  # noqa: PLC0415
@@ -62,56 +63,51 @@ def dry_run(
     log, truth_log = folder / "log.mcap", folder / "truth.mcap"
     console = Console(quiet=as_json, highlight=False, soft_wrap=True)
     plan = Drive(setup, loaded, distance, duration, "emulator", log)
-    with StopRequest() as stop:
+    with tidying(plan, truth_log), StopRequest() as stop:
         options = ["--reality", reality, "--calibration", calibration, "--truth", str(truth_log)]
         if lamp is not None:
             options += ["--lamp", str(lamp)]
         with _emulator(options) as ports:
             console.print(
                 f"Emulated lamp (reality: {reality}) on {ports['servo_port']} and {ports['foot_port']}; "
-                f"{loaded.name} goes {distance:.2f} m."
+                f"{loaded.name} goes {distance:.2f} m.",
+                markup=False,
             )
             result = drive(plan, ports["servo_port"], ports["foot_port"], stop, as_json)
-    truth = read_truth(truth_log)
-    run = read_run(log)
-    at = run.at(truth.log_time)
-    driven = np.flatnonzero(run.phase == "run")
-    began = run.scheduled[driven[0]] if len(driven) else run.scheduled[0]
-    during = (at >= began) & (at <= run.write_done[-1])
-    landed = float(truth.base_x[during][-1] - truth.base_x[during][0]) if during.any() else float("nan")
-    fell = bool(truth.fallen[during].any())
-    comparison = compare_log(
-        log, assets=setup.assets, calibration=setup.calibration, out=folder / "report.html", truth=truth_log
-    )
+    if not plan.phases["run"]:
+        return tell_of_none(plan, result, as_json)
+    with reporting(log):
+        truth = read_truth(truth_log)
+        run = read_run(log)
+        at = run.at(truth.log_time)
+        driven = np.flatnonzero(run.phase == "run")
+        began = run.scheduled[driven[0]] if len(driven) else run.scheduled[0]
+        during = (at >= began) & (at <= run.write_done[-1])
+        landed = float(truth.base_x[during][-1] - truth.base_x[during][0]) if during.any() else float("nan")
+        fell = bool(truth.fallen[during].any())
+        comparison = compare_log(
+            log, assets=setup.assets, calibration=setup.calibration, out=folder / "report.html", truth=truth_log
+        )
     if as_json:
         print_json(
             {
-                "goal_m": distance,
+                **facts(plan, result),
                 "landed_m": landed,
                 "error_m": landed - distance,
-                "hops": result.hops,
                 "fell": fell,
-                "ended": result.ended,
-                "ticks": result.ticks,
-                "missed_ticks": result.missed_ticks,
-                "faults": result.faults,
-                "interventions": vars(result.interventions),
                 "verdict": comparison.verdict,
-                "log": log,
                 "truth": truth_log,
                 "report": comparison.report,
             }
         )
     else:
-        faults = ", ".join(f"{text} (x{count})" for text, count in result.faults.items()) or "none"
-        console.print(
-            f"[bold]{'Fell' if fell else 'Landed'} at {landed * 100:.1f} cm[/bold] for a goal of {distance * 100:.1f}"
-            f" cm ({(landed - distance) * 100:+.1f} cm) after {result.hops} hops; {result.ended}"
-            f"{': ' + result.reason if result.reason else ''}.\n"
-            f"Ticks {result.ticks}, missed {result.missed_ticks}, envelope interventions"
-            f" {result.interventions.total}, faults: {faults}.\n"
+        tell(
+            f"{'Fell' if fell else 'Landed'} at {landed * 100:.1f} cm",
+            f" for a goal of {distance * 100:.1f} cm ({(landed - distance) * 100:+.1f} cm) after"
+            f" {counted(result.hops, 'hop')}; {ended(result)}.\n"
+            f"{account(result)}\n"
             f"Twin against emulated lamp: {sentence(comparison)}\n"
-            f"log     {log}\ntruth   {truth_log}\nreport  {comparison.report}"
+            f"log     {log}\ntruth   {truth_log}\nreport  {comparison.report}",
         )
     return 0 if result.ended == "finished" and not fell else 1
 

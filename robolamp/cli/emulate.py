@@ -14,6 +14,7 @@ from robolamp.calibration import load_calibration
 from robolamp.cli.output import print_json
 from robolamp.errors import FileError
 from robolamp.lamp import Lamp, load_lamp
+from robolamp.runtime.stop import StopRequest
 
 
 def emulate(
@@ -39,18 +40,18 @@ def emulate(
         truth: Write what really happens (base, contacts, true angles) to this MCAP log.
         as_json: Print one JSON line when ready, and end with the process that started this one.
     """
-    from robolamp.emulator.lamp import EmulatedLamp  # noqa: PLC0415 (mujoco is loaded after the arguments are checked)
-    from robolamp.emulator.process import REAL_TIME_GAP, Process, stop_signals  # noqa: PLC0415
-    from robolamp.emulator.reality import load_reality  # noqa: PLC0415
-    from robolamp.emulator.truth import TruthLog  # noqa: PLC0415
-    from robolamp.log.context import versions  # noqa: PLC0415
-
     parent = os.getppid()
-    assets = Assets.of(lamp)
-    description = load_lamp(assets)
-    numbers = load_calibration(assets, calibration)
-    bent = load_reality(reality, description, assets)
-    with stop_signals() as stopped:
+    with StopRequest() as stop:  # before all that takes seconds to load
+        from robolamp.emulator.lamp import EmulatedLamp  # noqa: PLC0415 (mujoco is loaded after the arguments are checked)
+        from robolamp.emulator.process import REAL_TIME_GAP, Process  # noqa: PLC0415
+        from robolamp.emulator.reality import load_reality  # noqa: PLC0415
+        from robolamp.emulator.truth import TruthLog  # noqa: PLC0415
+        from robolamp.log.context import versions  # noqa: PLC0415
+
+        assets = Assets.of(lamp)
+        description = load_lamp(assets)
+        numbers = load_calibration(assets, calibration)
+        bent = load_reality(reality, description, assets)
         emulated = EmulatedLamp(description, numbers, assets, bent, gap=REAL_TIME_GAP)
         start = time.monotonic()
         log = None
@@ -75,7 +76,7 @@ def emulate(
                     _description(process.servo_port, process.foot_port, bent.name, numbers.name, description),
                     flush=True,
                 )
-            process.run(lambda: stopped() or (as_json and os.getppid() != parent))
+            process.run(lambda: bool(stop.requests) or (as_json and os.getppid() != parent))
         finally:
             process.close()
             if log:

@@ -52,7 +52,7 @@ def evolve(
     generations
         Generations, instead of the task's.
     seed_from
-        A controller (file or name) to put into the first generation.
+        A controller (file or name) for the first generation to begin with, instead of the task's; none: from nothing.
     tune
         Iterations of CMA-ES on the constants of the best controller, at the end.
     workers
@@ -72,11 +72,15 @@ def evolve(
         generations=generations or loaded.gp.generations,
     )
     loaded = replace(loaded, gp=gp)
-    seeds = []
-    if seed_from is not None:
-        seeds = [setup.controller(seed_from)]
-        check_terminals(seeds[0], loaded.terminals(len(setup.lamp.joints)), f"--seed-from {seed_from}")
-    if output.exists() and not output.is_dir():
+    names = loaded.seeds if seed_from is None else () if seed_from == "none" else (seed_from,)
+    seeds = [setup.controller(name) for name in names][: gp.population]
+    for name, seeded in zip(names, seeds, strict=False):
+        check_terminals(seeded, loaded.terminals(len(setup.lamp.joints)), f"seed {name}")
+    try:
+        blocked = output.exists() and not output.is_dir()
+    except OSError as error:  # such as a name that is too long
+        raise FileError(f"cannot be used: {error.strerror or error}", f"--output {output}") from None
+    if blocked:
         raise FileError("is not a folder", f"--output {output}")
     console = Console(stderr=True, quiet=as_json)
     columns = (
@@ -116,6 +120,6 @@ def evolve(
         f" ({last.physics_s / max(last.wall_s, 1e-9):.0%} of it physics).\n"
         f"Controller: {result.controller}\n"
         f"Next: robolamp score {result.controller}, or robolamp dry-run {result.controller} --goal 0.30",
-        highlight=False, soft_wrap=True,
+        highlight=False, markup=False, soft_wrap=True,
     )  # fmt: skip
     return 0

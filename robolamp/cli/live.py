@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from rich.console import Console
 from rich.live import Live
@@ -17,8 +18,17 @@ _BAR, _FULL_FORCE = 24, 8.0  # characters, and the force that fills them: about 
 _PHASES = {"start": "soft start", "run": "hopping", "landing": "soft landing"}
 
 
+class _Console(Console):
+    """One that tells of a broken pipe like of any other failure, instead of ending the process."""
+
+    def on_broken_pipe(self) -> None:
+        raise BrokenPipeError
+
+
 class LiveView:
     """Draws a run in the terminal; where there is none, prints its events as lines.
+
+    A terminal that goes away must not end a run: from then on nothing is drawn, and nothing here ever raises.
 
     Args:
         lamp: The lamp.
@@ -28,7 +38,7 @@ class LiveView:
     """
 
     def __init__(self, lamp: Lamp, goal: float, duration: float, quiet: bool) -> None:
-        self._console = Console(stderr=True, quiet=quiet, highlight=False)
+        self._console = _Console(stderr=True, quiet=quiet, highlight=False)
         self._lamp, self._goal, self._duration = lamp, goal, duration
         self._live = Live(console=self._console, auto_refresh=False, transient=True)
         self._drawing = self._console.is_terminal and not quiet
@@ -37,12 +47,12 @@ class LiveView:
 
     def __enter__(self) -> LiveView:
         if self._drawing:
-            self._live.start()
+            self._guarded(self._live.start)
         return self
 
     def __exit__(self, *_: object) -> None:
         if self._drawing:
-            self._live.stop()
+            self._guarded(self._live.stop)
 
     def tick(self, tick: Tick) -> None:
         """Take a tick; draws some of them, after the goals were sent."""
@@ -50,13 +60,19 @@ class LiveView:
             self._run_began = tick.scheduled
         self._faults += len(tick.observation.faults)
         if self._drawing and tick.index % _EVERY == 0:
-            self._live.update(self._picture(tick), refresh=True)
+            self._guarded(lambda: self._live.update(self._picture(tick), refresh=True))
 
     def event(self, level: str, text: str) -> None:
         """Take an event; warnings and errors stay on the screen."""
         if level != "info" or not self._drawing:
             style = {"warning": "yellow", "error": "red"}.get(level, "dim")
-            self._console.print(Text(f"  {text}", style=style))
+            self._guarded(lambda: self._console.print(Text(f"  {text}", style=style), soft_wrap=True))
+
+    def _guarded(self, show: Callable[[], object]) -> None:
+        try:
+            show()
+        except Exception:  # the terminal is gone or cannot show the characters, and rich stumbles over that in turn
+            self._console.quiet = True
 
     def _picture(self, tick: Tick) -> Table:
         grid = Table.grid(padding=(0, 2))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import re
 import sys
 
@@ -18,6 +20,7 @@ app = App(
     help_format="plaintext",
     result_action="return_value",
 )
+_BROKEN_PIPE = 141  # 128 + SIGPIPE, as a shell has it
 # Import strings: a verb's libraries (mujoco, numba) are loaded when the verb is called, not for --help.
 _VERBS = {
     "dry-run": """Run a controller on the emulated lamp, through real serial ports.
@@ -54,20 +57,48 @@ def main(arguments: list[str] | None = None) -> None:
         arguments: The words after `robolamp`; None: the process's own.
     """
     words = sys.argv[1:] if arguments is None else arguments
+    as_json = "--json" in words
     try:
+        _refuse_empty(words)
         code = app(words, exit_on_error=False, print_error=False)
+        sys.stdout.flush()  # here, where a failure can still be told
     except CycloptsError as error:
-        code = _fail(str(error).strip().replace("\n", " "), "command line", "--json" in words)
+        code = _fail(str(error).strip().replace("\n", " "), "command line", as_json)
     except RobolampError as error:
-        code = _fail(error.message, error.where, "--json" in words)
+        code = _fail(error.message, error.where, as_json)
     except KeyboardInterrupt:
         code = 130
+    except BrokenPipeError:  # nobody reads any more, as behind `| head`
+        code = _BROKEN_PIPE
+    except OSError as error:  # one that nothing below has put into words of its own
+        code = _fail(error.strerror or str(error), str(error.filename or "output"), as_json)
+    _let_go_of_output()
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _refuse_empty(words: list[str]) -> None:
+    """Refuse an argument without a character: as a path it would be the current folder."""
+    for before, word in zip(["", *words], words, strict=False):
+        if not word or re.fullmatch("--[a-z-]+=", word):
+            name = word.rstrip("=") or (before if before.startswith("-") else "")
+            raise RobolampError("is empty; expected a value", name or "an argument")
 
 
 def _fail(message: str, where: str, as_json: bool) -> int:
     if as_json:
-        print(json.dumps({"error": message, "where": where}), flush=True)
-    else:
+        with contextlib.suppress(OSError, ValueError):
+            print(json.dumps({"error": message, "where": where}), flush=True)
+            return 2
+    with contextlib.suppress(OSError, ValueError):  # closed, too: then there is nobody to tell
         print(f"robolamp: {where + ': ' if where else ''}{message}", file=sys.stderr, flush=True)
     return 2
+
+
+def _let_go_of_output() -> None:
+    """Keep the interpreter from failing over output that cannot be written, as it ends."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            with contextlib.suppress(OSError, ValueError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from cyclopts import Parameter
 from numpy.typing import NDArray
 
 from robolamp.assets import Assets
@@ -16,9 +18,29 @@ from robolamp.errors import RobolampError
 from robolamp.lamp import Lamp, load_lamp
 
 _LENGTH = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(mm|cm|m)?")
+_COUNT = re.compile(r"[0-9]{1,6}")
 _UNITS = {"mm": 0.001, "cm": 0.01, "m": 1.0, None: 1.0}
 MAX_GOAL = 5.0
 """Furthest goal that a lamp on a desk may be sent to [m]."""
+
+
+def seconds(low: float, high: float) -> Callable[[type, float], None]:
+    """Return a check for a length of time that an option takes; not-a-number is refused too.
+
+    Args:
+        low: Shortest [s].
+        high: Longest [s].
+    """
+
+    def check(_: type, value: float) -> None:
+        if not low <= value <= high:
+            raise ValueError(f"Must be a number from {low:g} to {high:g} (seconds).")
+
+    return check
+
+
+DURATION = Parameter(validator=seconds(0.5, 600.0))
+"""How long a controller may drive [s]."""
 
 
 def length(text: str, option: str, low: float = 0.0, high: float = MAX_GOAL) -> float:
@@ -53,7 +75,7 @@ def goal_range(text: str, option: str) -> NDArray[np.float64]:
     parts = text.split(":")
     if len(parts) == 1:
         return np.array([length(text, option)])
-    if len(parts) != 3 or not parts[2].isdigit() or not 1 <= int(parts[2]) <= 100_000:
+    if len(parts) != 3 or not _COUNT.fullmatch(parts[2]) or not 1 <= int(parts[2]) <= 100_000:
         raise RobolampError(f"{text!r} is not LOW:HIGH:COUNT, as 0.05:0.60:56", option)
     low, high = length(parts[0], option), length(parts[1], option)
     if low > high:

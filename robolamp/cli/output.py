@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from robolamp.errors import RobolampError
+
 
 def jsonable(value: Any) -> Any:
     """Return a value as plain JSON types: arrays as lists, NaN and infinities as null, paths as text."""
@@ -29,5 +31,20 @@ def jsonable(value: Any) -> Any:
 
 
 def print_json(value: Mapping[str, Any]) -> None:
-    """Print one JSON object on one line of stdout."""
-    print(json.dumps(jsonable(value), allow_nan=False), flush=True)
+    """Print one JSON object on one line of stdout.
+
+    Raises:
+        RobolampError: stdout cannot be written, as on a full disk.
+        BrokenPipeError: Nobody reads it.
+    """
+    try:
+        print(json.dumps(jsonable(value), allow_nan=False), flush=True)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise RobolampError(f"cannot be written: {error.strerror or error}", "stdout") from None
+
+
+def counted(count: int, thing: str) -> str:
+    """Return "1 hop", "2 hops"."""
+    return f"{count} {thing}{'' if count == 1 else 's'}"

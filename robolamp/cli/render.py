@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from cyclopts import Parameter, validators
+from cyclopts import Parameter
 from numpy.typing import NDArray
 from PIL import Image
 
-from robolamp.cli.options import Setup, length
+from robolamp.cli.options import Setup, length, seconds
 from robolamp.cli.output import print_json
 from robolamp.errors import RobolampError
 from robolamp.files import write_atomic
@@ -29,7 +29,7 @@ def render(
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     goal: str = "0.30",
-    duration: Annotated[float, Parameter(validator=validators.Number(gte=0.5, lte=60))] = 5.0,
+    duration: Annotated[float, Parameter(validator=seconds(0.5, 60.0))] = 5.0,
     calibration: str = "nominal",
     lamp: Path | None = None,
     opengl: bool = True,

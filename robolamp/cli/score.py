@@ -9,10 +9,12 @@ import numpy as np
 from cyclopts import Parameter, validators
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
-from robolamp.cli.options import Setup, goal_range
-from robolamp.cli.output import print_json
+from robolamp.cli.options import DURATION, Setup, goal_range
+from robolamp.cli.output import counted, print_json
 from robolamp.controller.terminals import all_terminals
+from robolamp.errors import RobolampError
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.judge import Outcome
 from robolamp.twin.model import build
@@ -27,9 +29,9 @@ def score(
     *,
     goals: str = "0.05:0.60:56",
     lamps: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
-    spread: Annotated[float, Parameter(validator=validators.Number(gte=0, lte=5))] = 1.0,
-    seed: Annotated[int, Parameter(validator=validators.Number(gte=0))] = 1,
-    duration: Annotated[float, Parameter(validator=validators.Number(gt=0.5, lte=60))] = 5.0,
+    spread: Annotated[float | None, Parameter(validator=validators.Number(gte=0, lte=5))] = None,
+    seed: Annotated[int | None, Parameter(validator=validators.Number(gte=0))] = None,
+    duration: Annotated[float, DURATION] = 5.0,
     workers: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
     calibration: str = "nominal",
     lamp: Path | None = None,
@@ -46,9 +48,9 @@ def score(
     lamps
         Instead of the calibrated lamp, this many lamps drawn from sim/tasks/spread.toml.
     spread
-        Standard deviations of that file, times this.
+        With --lamps: standard deviations of that file, times this (1).
     seed
-        Which lamps are drawn.
+        With --lamps: which lamps are drawn (1).
     duration
         Length of each run in seconds.
     workers
@@ -60,6 +62,9 @@ def score(
     as_json
         Print one JSON object: goals_m, errors_m, hops, flight_share a goal (and lamp), hits, hits_1997, falls.
     """
+    for option, given in (("--spread", spread), ("--seed", seed)):
+        if given is not None and lamps is None:
+            raise RobolampError("is for lamps that are drawn; give --lamps, too", option)
     setup = Setup.of(lamp, calibration)
     loaded = setup.controller(controller)
     distances = goal_range(goals, "--goals")
@@ -67,10 +72,9 @@ def score(
     if lamps is None:
         twins = [build(setup.lamp, setup.calibration, setup.assets)]
     else:
-        rng, law = np.random.default_rng(seed), load_spread(setup.assets)
-        twins = [
-            build(setup.lamp, setup.calibration, setup.assets, law.draw(rng, joints, spread)) for _ in range(lamps)
-        ]
+        rng, law = np.random.default_rng(1 if seed is None else seed), load_spread(setup.assets)
+        scale = 1.0 if spread is None else spread
+        twins = [build(setup.lamp, setup.calibration, setup.assets, law.draw(rng, joints, scale)) for _ in range(lamps)]
     fleet = Fleet(twins, loaded.control_period, workers)
     program = loaded.compile(all_terminals(joints))
     jobs = [Job(0, variant, float(goal)) for variant in range(len(twins)) for goal in distances]
@@ -97,7 +101,8 @@ def score(
 
 
 def _print(name: str, distances: np.ndarray, outcome: Outcome, lamps: int, drawn: bool) -> None:
-    table = Table(title=f"{name} on the twin" + (f", {lamps} lamps" if drawn else ""), title_justify="left")
+    title = f"{name} on the twin" + (f", {counted(lamps, 'lamp')}" if drawn else "")
+    table = Table(title=Text(title, "italic"), title_justify="left")
     for column in ("goal", "median error", "worst error", "hops", "flight share", "falls", "hits"):
         table.add_column(column, justify="right")
     runs = len(outcome.goal)
@@ -117,9 +122,10 @@ def _print(name: str, distances: np.ndarray, outcome: Outcome, lamps: int, drawn
         )
     console = Console(highlight=False)
     console.print(table)
+    hits, falls = counted(outcome.hit.sum(), "hit"), counted(outcome.fallen.sum(), "fall")
     console.print(
-        f"{runs} runs: {outcome.hit.sum()} hits (at rest within 1.5 cm, upright), {outcome.hit_1997.sum()} came within"
-        f" 1.5 cm, {outcome.fallen.sum()} falls; median |error| {np.median(np.abs(outcome.error)) * 100:.1f} cm,"
+        f"{counted(runs, 'run')}: {hits} (at rest within 1.5 cm, upright), {outcome.hit_1997.sum()} came within"
+        f" 1.5 cm, {falls}; median |error| {np.median(np.abs(outcome.error)) * 100:.1f} cm,"
         f" median flight share {_share(outcome.flight_share)}.",
         soft_wrap=True,
     )

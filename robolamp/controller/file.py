@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +19,45 @@ from robolamp.lamp import Lamp
 
 DRIVES = ("position",)
 """What a controller's outputs may mean: goal angles [rad]."""
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,63}")  # it becomes part of a folder's name
+_LONGEST = 64
+
+
+def slug(text: str) -> str:
+    """Return a name that a controller may have: the text where it is one, else the nearest to it.
+
+    Args:
+        text: What it should be called.
+    """
+    if _NAME.fullmatch(text):
+        return text
+    fitting = re.sub(r"[^A-Za-z0-9 ._-]+", "-", text).lstrip(" ._-")[:_LONGEST].rstrip(" -")
+    return fitting or "controller"
+
+
+def _name(root: Table) -> str:
+    name = root.text("name")
+    if not _NAME.fullmatch(name):
+        shown = name if len(name) <= _LONGEST else f"{name[:_LONGEST]}..."
+        raise root.fail("name", f"{shown!r} is not 1 to {_LONGEST} letters, digits, spaces, or . _ - (no such first)")
+    return name
+
+
+def _expressions(table: Table, terminals: Sequence[str], lamp: Lamp, where: str) -> tuple[Expression, ...]:
+    """Read [joints]: a key for each joint."""
+    if "expressions" in table:
+        raise table.fail("expressions", "belongs above the first [table], not into [joints]")
+    if set(table.names()) != set(lamp.names):
+        have = ", ".join(table.names()) or "none"
+        raise FileError(f"joints: the controller's joints ({have}) are not the lamp's ({', '.join(lamp.names)})", where)
+    texts = [table.text(name) for name in lamp.names]
+    for name, text in zip(lamp.names, texts, strict=True):
+        if re.match(r"\s*\(\s*list\b", text):
+            raise table.fail(name, "a (list ...) holds all joints: give it as `expressions` in place of [joints]")
+    return tuple(
+        parse(text, terminals, f"{where}: joints.{name}") for name, text in zip(lamp.names, texts, strict=True)
+    )
 
 
 @dataclass(frozen=True)
@@ -108,15 +148,13 @@ def load_controller(path: Path, lamp: Lamp, *, on_board: bool = False) -> Contro
         if len(expressions) != len(lamp.names):
             raise root.fail("expressions", f"holds {len(expressions)}; expected one a joint ({', '.join(lamp.names)})")
     else:
-        table = root.table("joints")
-        expressions = tuple(parse(table.text(name), terminals, f"{where}: joints.{name}") for name in lamp.names)
-        table.done()
+        expressions = _expressions(root.table("joints"), terminals, lamp, where)
     declared = root.array("terminals", default=[])
     controller = Controller(
-        name=root.text("name"),
+        name=_name(root),
         task=root.text("task", default=""),
         drive=root.text("drive", DRIVES, default="position"),
-        control_period=root.number("control_period", 0.002, 0.5, "s", default=0.02),
+        control_period=root.number("control_period", 0.002, 0.1, "s", default=0.02),
         expressions=expressions,
         joints=lamp.names,
         provenance=root.table("provenance", default={}).raw(),

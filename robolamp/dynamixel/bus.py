@@ -21,7 +21,7 @@ from dynamixel_sdk import COMM_RX_TIMEOUT, COMM_SUCCESS, PortHandler, Protocol2P
 
 from robolamp.dynamixel.registers import BAUD_CODES, Register
 from robolamp.errors import BusError
-from robolamp.ports import open_error
+from robolamp.ports import open_error, said_by
 from robolamp.signals import Clock
 
 PATIENCE = 0.002
@@ -37,6 +37,7 @@ ATTEMPTS = 3
 _BROADCAST = 0xFE
 _PING, _READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
 _ALERT = 0x80
+_WRONG_CRC = 3
 _STATUS_BYTES = 11  # a status packet without data: header 4, id, length 2, instruction, ERR, CRC 2
 _MOST_BYTES = 1024  # more than all answers to one instruction: a line that babbles must not hold the loop
 _WRITE_TIMEOUT = 0.05  # s: a port that takes no bytes any more
@@ -217,10 +218,11 @@ class Bus:
         try:
             opened = self._port.openPort()
         except (*_PORT_ERRORS, ValueError) as error:
+            if isinstance(error, ValueError) and "baud" in str(error):  # pyserial: the driver refused the rate
+                raise self._rate_error() from None
             raise open_error(self.name, error, "--port, or bus.port in hardware/lamp.toml") from None
-        if not opened:
-            choices = ", ".join(map(str, BAUD_CODES))
-            raise BusError(f"{self._baud} is not a baud rate of the servos ({choices})", self.name)
+        if not opened:  # the SDK does not know the rate
+            raise self._rate_error()
         self._open = True
 
     def close(self) -> None:
@@ -230,6 +232,12 @@ class Bus:
             with contextlib.suppress(*_PORT_ERRORS):
                 self._port.closePort()
 
+    def _rate_error(self) -> BusError:
+        if self._baud in BAUD_CODES:
+            return BusError(f"this port cannot do {self._baud} baud; set bus.baud and the servos to another", self.name)
+        choices = ", ".join(map(str, BAUD_CODES))
+        return BusError(f"{self._baud} is not a baud rate of the servos ({choices})", self.name)
+
     def label(self, servo: int) -> str:
         """Return what a servo is called in messages, as "knee (id 2)"."""
         return f"{self._labels[servo]} (id {servo})" if servo in self._labels else f"servo {servo}"
@@ -238,11 +246,13 @@ class Bus:
         """Return what a servo is, or None if it does not answer.
 
         Raises:
-            BusError: The port is gone.
+            BusError: The servo refuses, or the port is gone.
         """
         status = self._ask(servo, _PING, b"", 3)
         if status is None:
             return None
+        if status.refusal:
+            raise BusError(f"{self.label(servo)} refuses the ping: {status.refusal}", self.name)
         return Identity(int.from_bytes(status.data[:2], "little"), status.data[2])
 
     def read(self, servo: int, register: Register) -> int:
@@ -315,16 +325,23 @@ class Bus:
         return status
 
     def _ask(self, servo: int, instruction: int, parameters: bytes, length: int) -> Status | None:
-        """Return the answer to an instruction (with data of that length, or a refusal); None after ATTEMPTS."""
+        """Return the answer to an instruction (with data of that length, or a refusal); None after ATTEMPTS.
+
+        An instruction that reached the servo damaged (ERR 3) was not carried out, and is sent again.
+        """
+        damaged: Status | None = None
         with self._line():
             for _ in range(ATTEMPTS):
                 self._send(servo, instruction, parameters)
                 self._wait(_STATUS_BYTES + length, max(self._patience, SETTING_PATIENCE))
                 while (received := self._receive()) is not None:
                     answered, status = received
+                    if answered == servo and status.error & ~_ALERT == _WRONG_CRC:
+                        damaged = status
+                        break
                     if answered == servo and (len(status.data) == length or status.refusal):
                         return status
-        return None
+        return damaged
 
     def _send(self, servo: int, instruction: int, parameters: bytes) -> None:
         if b"\xff\xff\xfd" in parameters:
@@ -360,7 +377,7 @@ class Bus:
         try:
             yield
         except _PORT_ERRORS as error:
-            raise BusError(f"the port is gone ({getattr(error, 'strerror', None) or error})", self.name) from None
+            raise BusError(f"the port is gone ({said_by(error)})", self.name) from None
 
 
 def _named(register: Register) -> str:

@@ -23,6 +23,22 @@ TORQUE_OFF_ATTEMPTS = 3
 """How often each servo is told to turn its torque off, on top of the bus's own attempts."""
 
 
+def tick_wire_time(n: int, baud: int) -> float:
+    """Return how long a tick's packets are on the line [s]: two sync reads and a sync write, without any pauses.
+
+    Instruction packets have 10 bytes around their parameters, status packets 11 around their data
+    (https://emanual.robotis.com/docs/en/dxl/protocol2/, "Instruction Packet", "Sync Read", "Sync Write"); a byte is 10
+    bits on the line (8 data, start, stop). Bytes stuffed are not counted.
+
+    Args:
+        n: How many servos.
+        baud: Of the line [1/s].
+    """
+    reads = sum(10 + 4 + n + n * (11 + length) for _, length in (STATE, CONDITION))
+    write = 10 + 4 + n * (1 + 4)  # Goal Position(116) has 4 bytes
+    return (reads + write) * 10.0 / baud
+
+
 @dataclass
 class ServoState:
     """What the servos measured, in servo terms, shape (n,) each; a servo that did not answer has NaN and -1.
@@ -132,7 +148,7 @@ class Servos:
         return self._bus.read(self._ids[index], register) * register.scale
 
     def torque_on(self, p_gain: Sequence[int], watchdog: float) -> None:
-        """Turn torque on: profile off, P gain set, goal := present, then torque, checked; the Bus Watchdog last.
+        """Turn torque on: profile off, P gain set, goal := present, then torque, checked, each with its Bus Watchdog.
 
         A watchdog left tripped by an earlier run is cleared first: while it is tripped, goals are refused.
 
@@ -158,7 +174,6 @@ class Servos:
                     "power it off and on, and check its supply",
                     self._bus.name,
                 )
-        for servo, model in zip(self._ids, self._models, strict=True):
             self._bus.write(servo, model[Name.BUS_WATCHDOG], round(watchdog / WATCHDOG_UNIT))
 
     def torque_off(self) -> tuple[int, ...]:

@@ -9,15 +9,13 @@ import contextlib
 import fcntl
 import os
 import select
-import signal
 import struct
 import sys
 import termios
 import time
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from heapq import heappop, heappush
-from types import FrameType
 
 from robolamp.emulator.foot import FRAME_SIZE
 from robolamp.emulator.lamp import EmulatedLamp
@@ -81,22 +79,6 @@ class PseudoTerminal:
         """Close both ends."""
         os.close(self.descriptor)
         os.close(self._client)
-
-
-@contextlib.contextmanager
-def stop_signals() -> Iterator[Callable[[], bool]]:
-    """Catch SIGTERM, SIGINT and SIGHUP; yields a function that says whether one has come."""
-    received: list[int] = []
-
-    def note(number: int, _: FrameType | None) -> None:
-        received.append(number)
-
-    before = {number: signal.signal(number, note) for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)}
-    try:
-        yield lambda: bool(received)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 class Process:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from robolamp.dynamixel.registers import (
     BAUD_CODES,
+    COUNTS_PER_TURN,
     CURRENT_UNIT,
     FULL_PWM,
     RAD_PER_COUNT,
@@ -223,7 +224,7 @@ class Servo:
         self._table.put(Name.BACKUP_READY, 1)
         self._started = time
         self._watchdog = 0
-        self._hold: float | None = None  # where a tripped watchdog stopped it, until the next goal [rad]
+        self._hold: float | None = None  # where a tripped watchdog stopped it, until a goal or torque off [rad]
         self._table.put(Name.GOAL_POSITION, self._counts(self._sense(time).angle))
         self._update_drive()
 
@@ -232,13 +233,13 @@ class Servo:
         return offset if abs(offset) <= _HOMING_IN_MODE_3 else 0
 
     def _counts(self, angle: float) -> int:
-        return round(angle / RAD_PER_COUNT) + self._homing()
+        return round(angle / RAD_PER_COUNT) % COUNTS_PER_TURN + self._homing()
 
     def _obey(self, changes: Mapping[Name, int]) -> None:
         """Let written registers act."""
         if Name.BUS_WATCHDOG in changes:
             self._watchdog = changes[Name.BUS_WATCHDOG]
-        if Name.GOAL_POSITION in changes:
+        if Name.GOAL_POSITION in changes or changes.get(Name.TORQUE_ENABLE) == 0:
             self._hold = None
         self._update_drive()
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration
-from robolamp.controller.file import Controller, save_controller
+from robolamp.controller.file import Controller, save_controller, slug
 from robolamp.errors import FileError
 from robolamp.evolve.selection import tournament
 from robolamp.evolve.task import Task
@@ -235,7 +235,7 @@ class Run:
         score = self._trials.score([champion], self._cases)
         fitness = float(score.main[0] + score.style[0])
         controller = Controller(
-            name=self._folder.resolve().name,
+            name=slug(self._folder.resolve().name),
             task=self._task.name,
             drive="position",
             control_period=self._task.control_period,

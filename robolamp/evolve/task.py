@@ -64,6 +64,7 @@ class Task:
         duration: Length of a trial [s].
         signals: "on-board" or "all".
         constants: Range that constants are drawn from.
+        seeds: Controllers (files or shipped names) that the first generation begins with.
         cases: Which goals.
         main: Weights of the main fitness terms.
         style: Weights of the style terms, phased in over the run.
@@ -76,6 +77,7 @@ class Task:
     duration: float
     signals: str
     constants: tuple[float, float]
+    seeds: tuple[str, ...]
     cases: Cases
     main: Mapping[str, float]
     style: Mapping[str, float]
@@ -105,6 +107,13 @@ def _pair(table: Table, key: str, low: float, high: float) -> tuple[float, float
     return float(values[0]), float(values[1])
 
 
+def _names(table: Table, key: str) -> tuple[str, ...]:
+    names = table.array(key, default=[])
+    if not all(isinstance(name, str) for name in names):
+        raise table.fail(key, f"{names!r} is not an array of controllers' names or files")
+    return tuple(names)
+
+
 def load_task(assets: Assets, name: str | Path) -> Task:
     """Read a task file.
 
@@ -115,7 +124,7 @@ def load_task(assets: Assets, name: str | Path) -> Task:
     Raises:
         FileError: The file is missing or malformed; the message names the key and what was expected.
     """
-    path = assets.named(name, "sim/tasks", "task")
+    path = assets.named(name, "sim/tasks", "task", exclude=("spread",))
     root = Table(read_toml(path), str(path))
     root.integer("schema", 1, 1)
     cases, gp = root.table("cases"), root.table("gp")
@@ -126,10 +135,11 @@ def load_task(assets: Assets, name: str | Path) -> Task:
     low = cases.number("low", 0.001, 100.0, "m")
     task = Task(
         name=root.text("name"),
-        control_period=root.number("control_period", 0.002, 0.5, "s"),
+        control_period=root.number("control_period", 0.002, 0.1, "s"),
         duration=root.number("duration", 0.1, 600.0, "s"),
         signals=root.text("signals", ("on-board", "all")),
         constants=_pair(root, "constants", -1e6, 1e6),
+        seeds=_names(root, "seeds"),
         cases=Cases(
             count=cases.integer("count", 1, 1000),
             low=low,

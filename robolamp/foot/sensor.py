@@ -11,7 +11,7 @@ import serial
 
 from robolamp.errors import BusError
 from robolamp.foot.protocol import Decoder, Frame
-from robolamp.ports import open_error
+from robolamp.ports import open_error, said_by
 from robolamp.signals import Clock
 
 _PORT_ERRORS = (OSError, termios.error)
@@ -105,7 +105,7 @@ class FootSensor:
                 if len(data) < _CHUNK:
                     break
         except _PORT_ERRORS as error:
-            raise BusError(f"the port is gone ({getattr(error, 'strerror', None) or error})", self.name) from None
+            raise BusError(f"the port is gone ({said_by(error)})", self.name) from None
         if frames:
             self._take(frames[-1], self._clock.now())
         return frames

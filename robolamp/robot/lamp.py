@@ -19,6 +19,11 @@ from robolamp.signals import Clock, Command, Health, Observation
 WATCHDOG = 0.2
 """Silence on the bus after which each servo stops by itself [s]: ten ticks at 50 Hz (Bus Watchdog(98))."""
 
+_SUSPECT = 0.8  # share of WATCHDOG after which the servos are asked: their clocks are not ours
+
+_CONDITION_TICKS = 5
+"""Readings in a row without a servo's torque and error flags after which that is a fault; one may be noise."""
+
 _ROUNDING = 1e-9  # rad: a goal on its limit may be this far outside by rounding
 
 
@@ -56,6 +61,8 @@ class RobotLamp:
         self._measured = np.full(len(lamp.joints), -math.inf)  # when each angle last came [s]
         self._torque = False
         self._spoke = -math.inf  # when the bus last carried a packet of ours [s]
+        self._silence = 0.0  # longest time without one since the watchdogs were last known to be armed [s]
+        self._unknown = np.zeros(len(lamp.joints), np.int64)  # readings in a row without a servo's condition
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -89,7 +96,7 @@ class RobotLamp:
         self.observe()  # from here on, ages count from a real reading
 
     def torque(self, on: bool) -> None:
-        """Turn torque on (goal := present first, Bus Watchdog armed last) or off (each servo on its own).
+        """Turn torque on (goal := present first, then its Bus Watchdog) or off (each servo on its own).
 
         Raises:
             BusError: A servo could not be turned on; all are off again. Turning off never raises.
@@ -101,6 +108,7 @@ class RobotLamp:
                 self.torque(False)
                 raise
             self._spoke = self._clock.now()
+            self._silence = 0.0
             self._torque = True
             return
         self._torque = False
@@ -110,18 +118,22 @@ class RobotLamp:
     def observe(self) -> Observation:
         """Read servos and foot sensor once; what is missing is a gap, with a fault that names it."""
         faults: list[str] = []
+        began = self._clock.now()
+        self._silence = max(self._silence, began - self._spoke)  # before this reading feeds the watchdogs again
         try:
             state = self._ready().read()
         except BusError as error:
             state = ServoState.unknown(len(self.joints))
             faults.append(f"bus: {error.message}")
-        read = self._clock.now()
         angle = self._frame.joint_angle(state.position)
         present = np.isfinite(angle)
-        self._measured[present] = read
+        self._measured[present] = began  # the first block's reading follows: an angle is no older than its age
         if not faults:
-            self._spoke = read
+            self._spoke = began
             faults += [f"{self.joints[index]}: no answer" for index in np.flatnonzero(~present)]
+            self._unknown = np.where(present & (state.torque < 0), self._unknown + 1, 0)
+            lasting = np.flatnonzero(self._unknown >= _CONDITION_TICKS)
+            faults += [f"{self.joints[index]}: condition unknown" for index in lasting]
         try:
             self._foot.poll()
         except BusError as error:
@@ -149,20 +161,23 @@ class RobotLamp:
         """Send goals to all servos at once.
 
         Raises:
-            SafetyError: A goal is not finite or outside the joint's limits; nothing was sent.
-            BusError: The port is gone, or the servos' watchdog has stopped them.
+            SafetyError: A goal is not finite or outside the joint's limits, or the servos' watchdog has stopped them;
+                nothing was sent.
+            BusError: The port is gone.
         """
         goal = self._checked(command.goal)
         servos = self._ready()
         now = self._clock.now()
-        if self._torque and now - self._spoke > WATCHDOG:
+        silence = max(self._silence, now - self._spoke)
+        if self._torque and silence > _SUSPECT * WATCHDOG:
             tripped = ", ".join(self.joints[index] for index in servos.watchdog_tripped())
             if tripped:
-                raise BusError(
-                    f"the Bus Watchdog has stopped {tripped}: nothing was sent for {now - self._spoke:.2f} s "
+                raise SafetyError(
+                    f"the Bus Watchdog has stopped {tripped}: nothing was sent for {silence:.2f} s "
                     f"(allowed: {WATCHDOG:g})",
                     self._bus.name,
                 )
+        self._silence = 0.0
         servos.write_goals(self._frame.servo_angle(goal))
         self._spoke = now
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.controller.pilot import PilotStep
-from robolamp.errors import BusError, RobolampError
+from robolamp.dynamixel.servos import tick_wire_time
+from robolamp.errors import BusError, RobolampError, SafetyError
 from robolamp.lamp import Lamp
 from robolamp.runtime.health import Guard, Verdict
 from robolamp.runtime.stop import StopRequest
@@ -20,6 +21,12 @@ Array = NDArray[np.float64]
 
 PERIOD = 0.02
 """Control period where the controller gives none [s]: 50 Hz."""
+
+MAX_PERIOD = 0.1
+"""Longest control period [s]: half the 0.2 s of silence after which the servos' Bus Watchdog stops them."""
+
+WIRE_SHARE = 0.8
+"""Largest share of the period that a tick's packets may take on the servo bus; the rest is for everything else."""
 
 START_MOVE = 1.5
 """Time from the present pose to the neutral one [s]."""
@@ -31,7 +38,7 @@ LANDING = 1.0
 """Time from the last goal to the rest pose [s]."""
 
 _REQUEST = "request to stop"
-_LOOKS = 5  # observations taken to see every joint before torque goes on
+_LOOKS = 5  # observations taken to see every joint before torque goes on, and every torque off at the end
 
 
 class Pilot(Protocol):
@@ -52,7 +59,8 @@ class RunResult:
     """How a run went.
 
     Attributes:
-        ended: "finished", "stopped" (on request), "guard" (landed for a fault) or "cut" (torque off at once).
+        ended: "finished", "stopped" (on request), "guard" (landed for a fault) or "cut" (torque off at once, or not
+            confirmed to be off at the end).
         reason: Why, where it did not finish.
         ticks: Ticks that were run.
         missed_ticks: Ticks that were due and skipped because an earlier one took too long.
@@ -86,7 +94,8 @@ def run(
     """Run a controller on a lamp.
 
     Torque is off when this returns or raises, whatever happened. A first stop request or a guard lands the lamp; a
-    second request, or a bus that nothing can be told to any more, turns torque off at once.
+    second request, or a bus that nothing can be told to any more, turns torque off at once. A callback that raises is
+    not called again and the lamp is landed; what it raised is raised again at the end.
 
     Args:
         backend: The lamp, open.
@@ -102,8 +111,11 @@ def run(
         How it went.
 
     Raises:
+        SafetyError: The period is too long for the servos' watchdog or too short for the bus, or a joint is so far
+            outside its limits that its first goal would jump; torque stays off.
         BusError: The lamp's pose cannot be read, or its torque cannot be turned on.
     """
+    check_period(period, lamp)
     loop = _Loop(backend, lamp, period, on_tick, on_event, stop or StopRequest())
     try:
         if loop.begin():
@@ -114,7 +126,35 @@ def run(
         loop.cut(cut.reason)
     finally:
         backend.torque(False)
-    return loop.end()
+        loop.confirm()
+    result = loop.end()
+    if loop.broken:
+        raise loop.broken
+    return result
+
+
+def check_period(period: float, lamp: Lamp) -> None:
+    """Check that a lamp can be driven at a control period.
+
+    Args:
+        period: [s].
+        lamp: Gives the number of servos and the baud rate.
+
+    Raises:
+        SafetyError: It cannot.
+    """
+    if period > MAX_PERIOD:
+        raise SafetyError(
+            f"control_period = {period:g} s is longer than {MAX_PERIOD:g} s: the servos' Bus Watchdog stops them after "
+            f"{2 * MAX_PERIOD:g} s of silence"
+        )
+    wire = tick_wire_time(len(lamp.joints), lamp.bus_baud)
+    if wire > WIRE_SHARE * period:
+        raise SafetyError(
+            f"a tick takes {wire * 1e3:.1f} ms on the servo bus at bus.baud = {lamp.bus_baud}, more than "
+            f"{WIRE_SHARE:.0%} of control_period = {period:g} s; raise the baud rate (of the servos too) or the period",
+            str(lamp.path),
+        )
 
 
 def smooth(share: float) -> float:
@@ -142,7 +182,11 @@ class _Moment:
 
 
 class _Loop:
-    """One run: the schedule, and what every phase does with a tick."""
+    """One run: the schedule, and what every phase does with a tick.
+
+    Attributes:
+        broken: What a callback raised first; None while none has.
+    """
 
     def __init__(
         self,
@@ -168,6 +212,9 @@ class _Loop:
         self._announced = 0
         self._contact = True
         self._landing = False
+        self._powered = False  # whether torque may have been on
+        self._holding: tuple[str, ...] = ()  # joints not confirmed to be without torque
+        self.broken: Exception | None = None
 
     def begin(self) -> bool:
         """See where every joint is, then turn torque on, unless a stop has been asked for already."""
@@ -180,9 +227,11 @@ class _Loop:
             silent = ", ".join(name for name, value in zip(self._lamp.names, angle, strict=True) if np.isnan(value))
             raise BusError(f"no angle from {silent} in {_LOOKS} readings; torque stays off")
         self._goal = np.clip(angle, self._lamp.lower, self._lamp.upper)
+        self._check_first(angle)
         if self._stop.requests:
             self._finish("stopped", _REQUEST)
             return False
+        self._powered = True
         self._backend.torque(True)
         self._origin = self._clock.now()
         self._say("info", "torque on")
@@ -226,35 +275,64 @@ class _Loop:
         self._result.ended, self._result.reason = "cut", reason
         self._say("error", f"torque off at once: {reason}")
 
+    def confirm(self) -> None:
+        """See whether every servo's torque is off; say so aloud if it may not be."""
+        torque = self._backend.observe().health.torque
+        for _ in range(_LOOKS - 1):
+            if not torque.any():
+                return
+            torque = self._backend.observe().health.torque
+        holding: list[str] = []
+        for name, state in zip(self._lamp.names, torque, strict=True):
+            if state > 0 or (state < 0 and self._powered):
+                holding.append(name)
+                self._guard.faults[f"{name}: torque {'still' if state > 0 else 'perhaps still'} on at the end"] += 1
+        self._holding = tuple(holding)
+        if holding:
+            self._say("error", f"torque may still be on: {', '.join(holding)}; switch the supply off")
+
     def end(self) -> RunResult:
-        """Return how it went, torque being off; a servo that says otherwise is a fault."""
-        for name, torque in zip(self._lamp.names, self._backend.observe().health.torque, strict=True):
-            if torque != 0:
-                state = "still on" if torque > 0 else "perhaps still on"
-                self._guard.faults[f"{name}: torque {state} at the end"] += 1
+        """Return how it went; a run after which torque may still be on did not end well."""
         self._announce()
-        self._result.faults = dict(self._guard.faults)
-        self._say("info", f"torque off; {self._result.ended}")
-        return self._result
+        result = self._result
+        result.faults = dict(self._guard.faults)
+        if not self._holding:
+            self._say("info", f"torque off; {result.ended}")
+        elif result.ended != "cut":
+            text = f"torque may still be on: {', '.join(self._holding)}"
+            result.ended, result.reason = "cut", f"{result.reason}; {text}" if result.reason else text
+        return result
+
+    def _check_first(self, angle: Array) -> None:
+        """Refuse a first goal that would jump: what is outside the limits is brought to them in one tick."""
+        step = self._lamp.slew * max(self._period, PERIOD)
+        for joint, value, goal, most in zip(self._lamp.joints, angle, self._goal, step, strict=True):
+            if abs(goal - value) > most:
+                raise SafetyError(
+                    f"{joint.name} stands at {value:.2f} rad, outside {joint.lower:g} to {joint.upper:g} rad by more "
+                    f"than the {most:.2f} rad that its slew limit allows a tick; put the lamp upright by hand",
+                    str(self._lamp.path),
+                )
 
     @property
     def _ended(self) -> bool:
         return self._result.ended != "finished"
 
     def _move(self, phase: str, target: Array, move: float, length: float) -> None:
-        """Move from the last goal to a pose in `move` seconds; the phase takes `length`."""
+        """Move from the last goal to a pose in `move` seconds; the phase takes `length`.
+
+        Its time counts ticks run, not ticks due: after a stall the goal goes on from where it was.
+        """
         source = self._goal
-        begun: float | None = None
+        time = 0.0
         while True:
             moment = self._next()
-            if begun is None:
-                begun = moment.scheduled
-            time = moment.scheduled - begun
+            time += self._period
             if self._ended and not self._landing:
                 self._close(phase, moment, self._goal)
                 return
-            self._close(phase, moment, source + (target - source) * smooth((time + self._period) / move))
-            if time + self._period > length - self._period / 2:
+            self._close(phase, moment, source + (target - source) * smooth(time / move))
+            if time > length - self._period / 2:
                 return
 
     def _next(self) -> _Moment:
@@ -278,6 +356,8 @@ class _Loop:
             self._finish("guard", self._guard.reason)
         elif not self._ended and not self._landing and self._stop.requests:
             self._finish("stopped", _REQUEST)
+        elif not self._ended and not self._landing and self.broken:
+            self._finish("stopped", f"the log or display failed ({str(self.broken) or type(self.broken).__name__})")
         return _Moment(scheduled, began, read_done, observation)
 
     def _finish(self, ended: str, reason: str) -> None:
@@ -310,7 +390,11 @@ class _Loop:
         )
         self._result.ticks += 1
         if self._on_tick:
-            self._on_tick(tick)
+            try:
+                self._on_tick(tick)
+            except Exception as error:  # whatever it is: the lamp is not dropped in mid-hop for it
+                self._on_tick = None
+                self.broken = self.broken or error
 
     def _announce(self) -> None:
         """Report faults that are new."""
@@ -320,4 +404,8 @@ class _Loop:
 
     def _say(self, level: str, text: str) -> None:
         if self._on_event:
-            self._on_event(level, text)
+            try:
+                self._on_event(level, text)
+            except Exception as error:
+                self._on_event = None
+                self.broken = self.broken or error

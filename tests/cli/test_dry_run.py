@@ -104,6 +104,23 @@ def test_ctrl_c_lands_the_lamp_and_reports(tmp_path: Path) -> None:
     assert phases.count("run") < 100
 
 
+def test_ctrl_c_before_the_start_is_no_run(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [*COMMAND, "dry-run", "hop", "--goal", "0.4", "-o", "out/[a]", "--json"],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    while not (tmp_path / "out" / "[a]" / "truth.mcap").exists():  # the emulator is getting ready
+        assert process.poll() is None
+        time.sleep(0.005)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (1, "")
+    said = json.loads(out)
+    assert (said["ended"], said["reason"]) == ("stopped", "request to stop")
+    assert said["verdict"] is said["report"] is None
+    assert said["log"] == "out/[a]/log.mcap"
+
+
 def test_in_a_terminal_it_draws_what_happens(tmp_path: Path) -> None:
     master, slave = pty.openpty()
     environment = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "100", "LINES": "30"}

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from robolamp.assets import Assets
 from robolamp.cli.main import main
 
 CONTROLLER = """
@@ -127,7 +131,11 @@ def test_progress_for_people(capsys: pytest.CaptureFixture[str], tmp_path: Path,
     )
     assert code == 0
     assert "Controller:" in out
-    assert "generation" in err
+    assert "evolution" in err
+
+
+NO_PORT = Assets().path("hardware/lamp.toml").read_text().replace("/dev/ttyUSB0", "")
+VERBS = ("evolve", "render", "compare", "dry-run", "deploy")
 
 
 def bad_inputs() -> list:
@@ -143,7 +151,20 @@ def bad_inputs() -> list:
             ("hop --goals far", {}, "--goals: 'far' is not a length above 0 m and up to 5 m"),
             ("hop --goals 0.1:0.2", {}, "--goals: '0.1:0.2' is not LOW:HIGH:COUNT"),
             ("hop --lamps 0", {}, "command line: Invalid value"),
-            ("hop --duration nan", {}, "command line: Invalid value"),
+            ("hop --duration nan", {}, "Must be a number from 0.5 to 600 (seconds)."),
+            ("hop --duration 0.4", {}, "Must be a number from 0.5 to 600 (seconds)."),
+            ("hop --goals 0.1:0.2:²", {}, "--goals: '0.1:0.2:²' is not LOW:HIGH:COUNT"),
+            ("hop --goals 0.1:0.2:" + "1" * 5000, {}, "is not LOW:HIGH:COUNT"),
+            ("hop --spread 0.5", {}, "--spread: is for lamps that are drawn; give --lamps, too"),
+            ("hop --seed 4", {}, "--seed: is for lamps that are drawn; give --lamps, too"),
+            ("hop --lamp=", {}, "--lamp: is empty; expected a value"),
+            ("hop --lamp " + "x" * 300, {}, "File name too long"),
+            ("hop --lamp .", {"hardware/lamp.toml/x": ""}, "hardware/lamp.toml: is a folder; expected a file"),
+            ("compare .", {}, ".: is a folder; expected a log (.mcap)"),
+            ("evolve spread -o run", {}, "spread: no such task; give a file, or one of: hop, travel"),
+            ("evolve hop -o " + "x" * 300, {}, "File name too long"),
+            ("dry-run hop --goal 0.3 -o " + "x" * 300, {}, "File name too long"),
+            ("deploy hop --goal 0.3 --lamp .", {"hardware/lamp.toml": NO_PORT}, "bus.port: '' is not a serial port"),
             ("hop --calibration none", {}, "none: no such calibration; give a file, or one of: nominal"),
             ("hop --lamp none", {}, "none: is not a folder"),
             ("none.toml", {}, "none.toml: no such controller; give a file, or one of: "),
@@ -158,7 +179,7 @@ def bad_inputs() -> list:
             ("evolve juggle -o run", {}, "juggle: no such task; give a file, or one of: hop"),
             ("evolve hop -o run --population 0", {}, "command line: Invalid value"),
             ("evolve hop -o c.toml", {"c.toml": ""}, "--output c.toml: is not a folder"),
-            ("evolve hop -o run --seed-from c.toml", {"c.toml": sees}, "--seed-from c.toml: joints.ankle: needs px"),
+            ("evolve hop -o run --seed-from c.toml", {"c.toml": sees}, "c.toml: joints.ankle: needs px"),
             ("evolve hop -o c.toml/run", {"c.toml": ""}, "c.toml/run"),
             ("render hop -o c.jpg", {}, "--output: 'c.jpg' does not end in .png or .gif"),
         )
@@ -175,7 +196,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text)
     before = sorted(tmp_path.rglob("*"))
-    arguments = words.split() if words.split(maxsplit=1)[0] in ("evolve", "render") else ["score", *words.split()]
+    arguments = words.split() if words.split(maxsplit=1)[0] in VERBS else ["score", *words.split()]
     code, out, err = call(capsys, *arguments)
     assert (code, out) == (2, "")
     assert err.startswith("robolamp: ")
@@ -187,3 +208,68 @@ def test_bad_input_is_one_line_and_exit_code_2(
     assert said.keys() == {"error", "where"}
     assert message in f"{said['where']}: {said['error']}"
     assert sorted(tmp_path.rglob("*")) == before  # nothing half-written
+
+
+@pytest.mark.parametrize(
+    ("words", "where"),
+    [
+        (["compare", ""], "an argument"),
+        (["dry-run", "hop", "--goal", "0.3", "-o", ""], "-o"),
+        (["score", "hop", "--lamp", ""], "--lamp"),
+        (["deploy", "hop", "--goal", "0.3", "--port", ""], "--port"),
+    ],
+)
+def test_an_empty_argument_is_not_the_current_folder(
+    capsys: pytest.CaptureFixture[str], words: list[str], where: str
+) -> None:
+    assert call(capsys, *words) == (2, "", f"robolamp: {where}: is empty; expected a value\n")
+
+
+def test_brackets_in_a_path_are_not_markup(capsys: pytest.CaptureFixture[str], tmp_path: Path, nod: Path) -> None:
+    folder = tmp_path / "[a]" / "[/b]"
+    code, out, _ = call(
+        capsys, "evolve", "hop", "-o", folder, "--population", "2", "--generations", "1", "--seed-from", nod
+    )
+    assert code == 0
+    assert f"Controller: {folder / 'controller.toml'}" in out
+    code, out, err = call(capsys, "score", folder / "controller.toml", "--goals", "0.3", "--duration", "1")
+    assert (code, err) == (0, "")
+    assert "1 run: " in out
+    assert "b- on the twin" in out or "b on the twin" in out
+
+
+SCORE = [sys.executable, "-m", "robolamp", "score", "hop", "--goals", "0.3", "--duration", "1"]
+
+
+@pytest.mark.parametrize("more", [[], ["--json"]])
+def test_a_full_disk_behind_stdout_is_one_line(more: list[str]) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([*SCORE, *more], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 2
+    assert "No space left on device" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("more", [[], ["--json"]])
+def test_a_reader_that_left_is_met_in_silence(more: list[str]) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run([*SCORE, *more], stdout=write, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(write)
+    assert done.returncode in (1, 141)
+    assert done.stderr == ""
+
+
+@pytest.mark.parametrize("delay", [0.05, 0.15, 0.3, 0.6])
+@pytest.mark.parametrize("words", [["score", "hop"], ["emulate"]])
+def test_ctrl_c_while_loading_ends_without_a_traceback(delay: float, words: list[str]) -> None:
+    code = f"import sys; print(flush=True); sys.argv[1:] = {words}; from robolamp.cli.entry import main; main()"
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout
+        process.stdout.readline()  # from here on it loads
+        time.sleep(delay)
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=60)
+    assert process.returncode in ((0, 130) if words == ["emulate"] else (130,))  # Ctrl-C is how an emulator ends
+    assert b"Traceback" not in err
+    assert b"ignored" not in err

@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robolamp.controller.expression import Expression, parse
-from robolamp.controller.file import Controller, load_controller, save_controller
+from robolamp.controller.file import Controller, load_controller, save_controller, slug
 from robolamp.errors import ExpressionError, FileError, RobolampError
 
 from .parts import LAMP, TERMINALS, expressions
@@ -30,6 +30,9 @@ seed = 4
 """
 
 
+names = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,63}", fullmatch=True)
+
+
 def written(folder: Path, text: str) -> Path:
     path = folder / "c.toml"
     path.write_text(text)
@@ -37,7 +40,7 @@ def written(folder: Path, text: str) -> Path:
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=50)
-@given(st.lists(expressions, min_size=3, max_size=3), st.floats(0.002, 0.5), st.text(max_size=20))
+@given(st.lists(expressions, min_size=3, max_size=3), st.floats(0.002, 0.1), names)
 def test_what_is_saved_is_loaded(tmp_path: Path, parts: list[Expression], period: float, name: str) -> None:
     made = Controller(
         name, "hop", "position", period, tuple(parts), LAMP.names,
@@ -73,7 +76,7 @@ def test_the_papers_list_is_accepted_for_the_table(tmp_path: Path) -> None:
         ("schema = 1", "schema = 2", "schema: 2 is not a whole number from 1 to 1"),
         ("schema = 1", "", "schema: missing"),
         ('name = "by hand"', "name = 3", "name: 3 is not a text"),
-        ("control_period = 0.02", "control_period = 0", "control_period: 0 is not a number from 0.002 to 0.5 s"),
+        ("control_period = 0.02", "control_period = 0", "control_period: 0 is not a number from 0.002 to 0.1 s"),
         ("control_period = 0.02", "control_period = nan", "control_period: nan is not a number"),
         ("control_period = 0.02", 'control_period = "fast"', "control_period: 'fast' is not a number"),
         ("control_period = 0.02", "control_periode = 0.02", "control_periode: unknown; expected one of"),
@@ -82,8 +85,23 @@ def test_the_papers_list_is_accepted_for_the_table(tmp_path: Path) -> None:
         ('"t", "a0"', '"t", "q7"', "terminals: unknown 'q7'; expected some of t a0"),
         ('"t", "a0"', '"t", ["a0"]', "terminals: unknown ['a0']"),
         ('"t", "a0"', '"t"', "terminals: declares ['t'], but the expressions read ['t', 'a0']"),
-        ('ankle = "(* 0.3 t)"', "", "joints.ankle: missing; expected a text"),
-        ('neck = "0"', 'neck = "0"\nelbow = "0"', "joints.elbow: unknown; expected one of ankle, knee, neck"),
+        ('name = "by hand"', 'name = "../up"', "name: '../up' is not 1 to 64 letters, digits, spaces, or . _ -"),
+        ('name = "by hand"', 'name = "[/b]"', "name: '[/b]' is not 1 to 64 letters"),
+        ('name = "by hand"', 'name = ""', "name: '' is not 1 to 64 letters"),
+        ('name = "by hand"', 'name = "' + "x" * 300 + '"', "name: '" + "x" * 64 + "...' is not 1 to 64 letters"),
+        (
+            'ankle = "(* 0.3 t)"',
+            "",
+            "joints: the controller's joints (knee, neck) are not the lamp's (ankle, knee, neck)",
+        ),
+        (
+            'neck = "0"',
+            'neck = "0"\nelbow = "0"',
+            "joints (ankle, knee, neck, elbow) are not the lamp's (ankle, knee, neck)",
+        ),
+        ('neck = "0"', 'neck = "(list 0 0 0)"', "joints.neck: a (list ...) holds all joints: give it as `expressions`"),
+        ("[joints]", '[joints]\nexpressions = "(list 0 0 0)"', "joints.expressions: belongs above the first [table]"),
+        ('neck = "0"', "neck = 0", "joints.neck: 0 is not a text"),
         ('neck = "0"', 'neck = "(+ 0"', "joints.neck: found the end at line 1, column 5"),
         ('neck = "0"', 'neck = "(+ 0 q7)"', "joints.neck: found 'q7' at line 1, column 6"),
         ("[joints]", "[joint", "not valid TOML"),
@@ -127,3 +145,16 @@ def test_nothing_is_written_where_a_file_cannot_be(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="cannot be written"):
         save_controller(made, tmp_path / "file" / "c.toml")
     assert [item.name for item in tmp_path.iterdir()] == ["file"]
+
+
+@given(st.text(max_size=80))
+def test_any_folder_gives_a_name_that_loads(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
+    path = tmp_path_factory.getbasetemp() / "slug.toml"
+    path.write_text(GOOD.replace("by hand", slug(text)))
+    assert load_controller(path, LAMP).name == slug(text)
+    assert slug(slug(text)) == slug(text)
+
+
+def test_a_name_that_fits_is_kept() -> None:
+    assert slug("run 3.b_-") == "run 3.b_-"
+    assert slug("run [a]/é") == "run -a"

@@ -36,6 +36,8 @@ class Servo:
         self.memory = bytearray(700)
         self.silent = False  # answers nothing
         self.deaf_to: set[int] = set()  # instructions it does not answer
+        self.deaf_blocks: set[int] = set()  # addresses of reads it does not answer
+        self.garbled = 0  # instructions that reach it with a wrong CRC
         self.error = 0  # ERR of every answer
         self.damage = 0  # xor of a byte in every answer
         self.refuse: dict[int, int] = {}  # ERR of a write to an address
@@ -111,7 +113,12 @@ class Responder:
                 assert raw[:4] == b"\xff\xff\xfd\x00"
                 assert crc(raw[:-2]) == int.from_bytes(raw[-2:], "little")
                 self.heard.append((raw[4], raw[7], raw[8:-2]))
-                self._obey(raw[4], raw[7], raw[8:-2])
+                servo = self.servos.get(raw[4])
+                if servo and servo.garbled:
+                    servo.garbled -= 1
+                    self._reply(raw[4], raw[7], 3, b"")
+                else:
+                    self._obey(raw[4], raw[7], raw[8:-2])
 
     def _obey(self, target: int, instruction: int, parameters: bytes) -> None:
         address, length = (int.from_bytes(parameters[i : i + 2], "little") for i in (0, 2))
@@ -138,7 +145,7 @@ class Responder:
         return servo.refuse.get(address, 0)
 
     def _answer(self, servo: int, instruction: int, error: int, address: int, length: int) -> None:
-        if servo in self.servos:
+        if servo in self.servos and address not in self.servos[servo].deaf_blocks:
             self._reply(servo, instruction, error, bytes(self.servos[servo].memory[address : address + length]))
 
     def _reply(self, servo: int, instruction: int, error: int, data: bytes) -> None:

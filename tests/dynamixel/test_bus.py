@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import gc
+import termios
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -112,6 +113,26 @@ def test_what_the_sdk_would_send_unstuffed_is_refused(line: Responder, bus: Bus)
     assert line.heard == []
 
 
+def test_an_instruction_damaged_on_its_way_is_sent_again(line: Responder, bus: Bus) -> None:
+    line.servos[2].garbled = ATTEMPTS - 1
+    assert bus.ping(2) is not None
+    line.servos[2].garbled = ATTEMPTS - 1
+    bus.write(2, MODEL[Name.TORQUE_ENABLE], 1)
+    assert line.servos[2][Name.TORQUE_ENABLE] == 1
+    line.servos[2].garbled = ATTEMPTS
+    with pytest.raises(BusError, match=r"knee \(id 2\) refuses the ping: it received a wrong CRC"):
+        bus.ping(2)
+    line.servos[2].garbled = ATTEMPTS
+    with pytest.raises(BusError, match=r"refuses 1 for .*wrong CRC"):
+        bus.write(2, MODEL[Name.TORQUE_ENABLE], 1)
+
+
+def test_a_refused_ping_is_named(line: Responder, bus: Bus) -> None:
+    line.servos[2].error = 1
+    with pytest.raises(BusError, match=r"knee \(id 2\) refuses the ping: it failed to process"):
+        bus.ping(2)
+
+
 def test_a_refusal_is_named(line: Responder, bus: Bus) -> None:
     line.servos[2].refuse[116] = 0x86  # with the alert bit
     with pytest.raises(BusError, match=r"knee \(id 2\) refuses 5000 for Goal Position\(116\): .*own limits"):
@@ -169,6 +190,30 @@ def test_a_port_in_use(line: Responder, bus: Bus) -> None:
 def test_a_baud_rate_that_no_servo_has(line: Responder) -> None:
     with pytest.raises(BusError, match="123456 is not a baud rate of the servos"):
         Bus(line.name, 123_456, Clock()).open()
+
+
+def test_a_baud_rate_that_the_port_cannot_do(line: Responder, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(BusError, match="this port cannot do 4500000 baud"):  # the XL430 can, dynamixel-sdk cannot
+        Bus(line.name, 4_500_000, Clock()).open()
+
+    def refuse(*_: object) -> None:
+        raise ValueError("Failed to set custom baud rate (1000000): [Errno 22] Invalid argument")
+
+    monkeypatch.setattr("serial.Serial.open", refuse)
+    with pytest.raises(BusError, match="this port cannot do 1000000 baud"):
+        Bus(line.name, 1_000_000, Clock()).open()
+
+
+def test_what_termios_says_of_a_lost_port(line: Responder, bus: Bus, monkeypatch: pytest.MonkeyPatch) -> None:
+    def lost(*_: object) -> None:
+        raise termios.error(5, "Input/output error")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("serial.Serial.reset_input_buffer", lost)
+        patch.setattr("serial.Serial.flush", lost)
+        patch.setattr("serial.Serial.write", lost)
+        with pytest.raises(BusError, match=r"the port is gone \(Input/output error\)"):
+            bus.ping(1)
 
 
 def test_no_descriptor_is_left_open(line: Responder) -> None:

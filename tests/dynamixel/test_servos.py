@@ -9,7 +9,7 @@ import pytest
 
 from robolamp.dynamixel.bus import Bus
 from robolamp.dynamixel.registers import MODELS, RAD_PER_COUNT, VELOCITY_UNIT, Name
-from robolamp.dynamixel.servos import Servos
+from robolamp.dynamixel.servos import CONDITION, STATE, Servos, tick_wire_time
 from robolamp.errors import BusError, SafetyError
 
 from .responder import Responder
@@ -110,6 +110,23 @@ def test_torque_on_goes_to_the_present_goal_first(line: Responder, servos: Servo
     assert [line.servos[i][Name.POSITION_P_GAIN] for i in (1, 2, 3)] == list(GAINS)
     writes = [int.from_bytes(p[:2], "little") for i, instruction, p in line.heard if (i, instruction) == (2, 3)]
     assert writes.index(98) < writes.index(116) < writes.index(64) < len(writes) - 1 - writes[::-1].index(98)
+
+
+def test_each_watchdog_is_armed_with_its_torque(line: Responder, servos: Servos) -> None:
+    servos.torque_on(GAINS, watchdog=0.2)
+    writes = [(i, p) for i, instruction, p in line.heard if instruction == 3]
+    armed = [writes.index((i, bytes([98, 0, 10]))) for i in (1, 2, 3)]
+    powered = [writes.index((i, bytes([64, 0, 1]))) for i in (1, 2, 3)]
+    assert [a - p for a, p in zip(armed, powered, strict=True)] == [1, 1, 1]
+
+
+def test_wire_time_is_that_of_the_bytes_on_the_line(line: Responder, servos: Servos) -> None:
+    servos.read()
+    servos.write_goals(np.full(3, 3.0))
+    servos.read()  # answered after the goals have been heard
+    sent = sum(10 + len(p) for _, _, p in line.heard[:3])
+    answered = sum(3 * (11 + length) for _, length in (STATE, CONDITION))
+    assert tick_wire_time(3, 57_600) == pytest.approx((sent + answered) * 10 / 57_600)
 
 
 def test_a_servo_that_stays_without_torque_is_named(line: Responder, servos: Servos) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -191,6 +192,14 @@ def test_reboot_forgets_ram_keeps_eeprom_and_takes_a_while() -> None:
     assert (bench.value(9, 1), bench.value(84, 2), bench.value(64, 1)) == (7, 400, 0)
 
 
+def test_a_full_turn_reads_as_zero() -> None:
+    bench = Bench()
+    bench.shaft = replace(bench.shaft, angle=2 * math.pi - 1e-6)
+    assert bench.value(132, 4) == 0
+    bench.shaft = replace(bench.shaft, angle=2 * math.pi - 0.0016)
+    assert bench.value(132, 4) == 4095
+
+
 class TestBusWatchdog:
     def trip(self, bench: Bench, silence: float = 0.2) -> None:
         bench.ask(write(1, 116, 3000, 4))
@@ -210,6 +219,13 @@ class TestBusWatchdog:
         assert bench.servos[0].drive().goal == 3.0
         assert bench.ask(write(1, 116, 2000, 4)).error == 0
         assert bench.servos[0].drive().goal == pytest.approx(2000 * 2 * 3.14159265 / 4096)
+
+    def test_torque_off_ends_the_stop(self) -> None:
+        bench = Bench()
+        self.trip(bench)
+        bench.ask(write(1, 64, 0, 1))
+        drive = bench.servos[0].drive()
+        assert (drive.torque, drive.goal) == (False, pytest.approx(3000 * 2 * math.pi / 4096))
 
     def test_any_instruction_feeds_it(self) -> None:
         bench = Bench(ids=(1, 2))

@@ -33,7 +33,7 @@ def test_what_a_task_says(tmp_path: Path) -> None:
     ("old", "new", "words"),
     [
         ('name = "tiny"', "", "name: missing; expected a text"),
-        ("control_period = 0.02", "control_period = 0", "control_period: 0 is not a number from 0.002 to 0.5 s"),
+        ("control_period = 0.02", "control_period = 0", "control_period: 0 is not a number from 0.002 to 0.1 s"),
         ('"on-board"', '"telepathy"', "signals: 'telepathy' is not one of on-board, all"),
         ("[-1.5, 1.5]", "[1.5, -1.5]", "constants: [1.5, -1.5] is not two rising numbers"),
         ("[-1.5, 1.5]", "[1.5]", "constants: [1.5] is not two rising numbers"),

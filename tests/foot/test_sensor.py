@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 import os
+import termios
 import tty
 from collections.abc import Iterator
 
@@ -83,6 +84,18 @@ def test_reads_what_has_arrived_and_never_waits(line: Line) -> None:
     assert sensor.age == pytest.approx(0.03)
     sensor.close()
     sensor.close()
+
+
+def test_what_termios_says_of_a_lost_port() -> None:
+    class Lost:
+        def read(self, size: int) -> bytes:
+            raise termios.error(5, "Input/output error")
+
+        def close(self) -> None:
+            pass
+
+    with pytest.raises(BusError, match=r"the port is gone \(Input/output error\)$"):
+        FootSensor(Lost(), 115_200, Clock()).poll()
 
 
 def test_a_port_that_goes_away(line: Line) -> None:

@@ -47,6 +47,26 @@ def test_missing_folders_and_files_are_named(tmp_path: Path) -> None:
     assert Assets.of(None) == Assets()
 
 
+def test_a_folder_in_a_files_place_is_refused_not_passed_over(tmp_path: Path) -> None:
+    (tmp_path / "calibration" / "nominal.toml").mkdir(parents=True)
+    mine = Assets.of(tmp_path)
+    with pytest.raises(FileError, match=r"nominal\.toml: is a folder; expected a file"):
+        mine.path("calibration/nominal.toml")
+    with pytest.raises(FileError, match=r"nominal\.toml: is a folder; expected a file"):
+        mine.named("nominal", "calibration", "calibration")
+
+
+def test_a_folder_whose_name_is_too_long(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="File name too long"):
+        Assets.of(tmp_path / ("x" * 300))
+
+
+def test_what_is_of_another_kind_is_not_a_name(tmp_path: Path) -> None:
+    mine = own(tmp_path)
+    with pytest.raises(FileError, match=r"mine: no such calibration; give a file, or one of: nominal$"):
+        mine.named("mine", "calibration", "calibration", exclude=("mine",))
+
+
 def test_a_wheel_keeps_its_data_inside_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     package = tmp_path / "site-packages" / "robolamp"
     package.mkdir(parents=True)

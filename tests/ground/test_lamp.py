@@ -77,6 +77,21 @@ def test_the_shipped_lamp() -> None:
         ('servo = "XL330-M288-T"', 'servo = "AX-12"', "joint[0].servo: 'AX-12' is not one of XL330-M288-T,"),
         ("lower = -1.00", "lower = 1.00", "joint[1].upper: 0.78 is not above lower = 1 rad"),
         ("rest = 0.0", "rest = 2.0", "joint[0].rest: 2.0 is not a number from -0.6 to 0.6 rad"),
+        (
+            "lower = -0.60",
+            "lower = 0.10",
+            "joint[0].lower: 0.1 is above 0 rad; the soft start goes to the neutral pose",
+        ),
+        (
+            "upper = 0.78",
+            "upper = -0.10",
+            "joint[1].upper: -0.1 is below 0 rad; the soft start goes to the neutral pose",
+        ),
+        (
+            "preflight_angle = 0.17",
+            "preflight_angle = 0.6",
+            "safety.preflight_angle: 0.6 is not a number from 0 to 0.5",
+        ),
         ("slew = 14.0", "slew = nan", "joint[0].slew: nan is not a number from 0.1 to 100 rad/s"),
         ("zero = 3.141593", "zero = 180", "joint[0].zero: 180 is not a number from 0 to 6.28319 rad"),
         ("contact_off = 0.20", "contact_off = 0.5", "foot.contact_off: 0.5 is not a number from 0 to 0.4 N"),

@@ -76,3 +76,23 @@ def test_a_lamp_that_dies_ends_the_run(number: signal.Signals) -> None:
     assert ended[1] - ended[0] < 2.0
     assert all(np.isnan(tick.observation.angle).all() for tick in ticks[32:])
     assert set(backend.left_on) == set(LAMP.names)
+
+
+def test_a_stall_that_trips_the_watchdog_ends_the_run() -> None:
+    ticks: list[Tick] = []
+
+    def on_tick(tick: Tick) -> None:
+        ticks.append(tick)
+        if tick.index == 30:
+            time.sleep(0.5)
+
+    with emulator() as (_, servo_port, foot_port):
+        backend = RobotLamp(LAMP, servo_port, foot_port, MonotonicClock(), patience=PATIENCE)
+        backend.open()
+        result = run(backend, Still(), LAMP, on_tick=on_tick)
+        left = backend.observe().health.torque
+        backend.close()
+    assert result.ended == "cut"
+    assert "the Bus Watchdog has stopped ankle, knee, neck: nothing was sent for 0.5" in result.reason
+    assert ticks[-1].index == 30
+    assert left.tolist() == [0, 0, 0]

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -165,8 +166,49 @@ def test_a_tripped_watchdog_is_named(line: Responder, ready: RobotLamp, monkeypa
     ready.torque(True)
     ready.command(Command(np.zeros(3)))
     line.servos[2][Name.BUS_WATCHDOG] = -1
-    with pytest.raises(BusError, match="Bus Watchdog has stopped knee"):
+    with pytest.raises(SafetyError, match="Bus Watchdog has stopped knee"):
         ready.command(Command(np.zeros(3)))
+
+
+def test_a_reading_after_the_silence_does_not_hide_it(line: Responder, ready: RobotLamp) -> None:
+    ready.torque(True)
+    ready.observe()
+    ready.command(Command(np.zeros(3)))
+    time.sleep(robot.WATCHDOG + 0.05)
+    line.servos[1][Name.BUS_WATCHDOG] = line.servos[3][Name.BUS_WATCHDOG] = -1
+    ready.observe()
+    with pytest.raises(SafetyError, match=r"Bus Watchdog has stopped ankle, neck: nothing was sent for 0\.2"):
+        ready.command(Command(np.zeros(3)))
+    ready.torque(False)
+    ready.torque(True)
+    ready.observe()
+    ready.command(Command(np.zeros(3)))
+
+
+def test_a_silence_that_tripped_nothing_is_forgiven(line: Responder, ready: RobotLamp) -> None:
+    ready.torque(True)
+    time.sleep(robot.WATCHDOG + 0.05)
+    ready.observe()
+    ready.command(Command(np.zeros(3)))
+    line.heard.clear()
+    ready.observe()
+    ready.command(Command(np.zeros(3)))
+    ready.observe()
+    assert 0x02 not in [instruction for _, instruction, _ in line.heard]  # the servos are not asked again
+
+
+def test_an_unknown_condition_is_a_fault_when_it_lasts(line: Responder, ready: RobotLamp) -> None:
+    line.servos[2].deaf_blocks.add(64)
+    seen = [ready.observe() for _ in range(6)]
+    assert all(np.isfinite(one.angle).all() for one in seen)
+    assert [one.faults for one in seen] == [()] * 4 + [("knee: condition unknown",)] * 2
+    line.servos[2].deaf_blocks.clear()
+    assert ready.observe().faults == ()
+
+
+def test_an_angle_is_as_old_as_its_reading(line: Responder, ready: RobotLamp) -> None:
+    line.servos[2].deaf_blocks.add(64)  # the second block waits for it, after the angles were read
+    assert (ready.observe().angle_age > 0.05).all()
 
 
 def spoil(name: Name, value: int) -> Callable[[Responder, Foot], None]:

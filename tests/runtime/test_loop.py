@@ -1,13 +1,16 @@
 from __future__ import annotations
 
+import dataclasses
 import math
+from typing import NoReturn
 
 import numpy as np
 import pytest
 
 from robolamp.errors import BusError, SafetyError
+from robolamp.robot.lamp import WATCHDOG
 from robolamp.runtime.health import ANGLE_AGE
-from robolamp.runtime.loop import LANDING, START_HOLD, START_MOVE, run, smooth
+from robolamp.runtime.loop import LANDING, MAX_PERIOD, START_HOLD, START_MOVE, run, smooth
 from robolamp.runtime.stop import StopRequest
 from robolamp.signals import Observation, Tick
 
@@ -108,7 +111,7 @@ def test_a_second_request_cuts() -> None:
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), RuntimeError("x"), MemoryError()])
 def test_torque_goes_off_on_any_exception(error: BaseException) -> None:
     class Broken(Wave):
-        def step(self, observation: Observation, time: float) -> None:  # type: ignore[override]
+        def step(self, observation: Observation, time: float) -> NoReturn:
             raise error
 
     lamp = FakeLamp()
@@ -117,14 +120,128 @@ def test_torque_goes_off_on_any_exception(error: BaseException) -> None:
     assert lamp.torques == [True, False]
 
 
-def test_a_failing_callback_turns_torque_off() -> None:
+@pytest.mark.parametrize("at", [0, START_TICKS + 5])
+def test_a_failing_tick_callback_lands_the_lamp(at: int) -> None:
+    ticks: list[Tick] = []
+    events: list[tuple[str, str]] = []
+
     def on_tick(tick: Tick) -> None:
-        raise OSError("disk")
+        ticks.append(tick)
+        if tick.index == at:
+            raise OSError("disk")
 
     lamp = FakeLamp()
     with pytest.raises(OSError, match="disk"):
-        run(lamp, Wave(), LAMP, on_tick=on_tick)
+        run(lamp, Wave(), LAMP, on_tick=on_tick, on_event=lambda *event: events.append(event))
+    assert len(ticks) == at + 1  # not called again
+    assert len(lamp.goals) == pytest.approx(at + 2 + LANDING / 0.02, abs=1)
+    assert lamp.goals[-1] == pytest.approx(LAMP.rest)
+    assert np.abs(np.diff(np.array(lamp.goals), axis=0)).max() < 0.04
     assert lamp.torques == [True, False]
+    assert ("warning", "stopped: the log or display failed (disk)") in events
+
+
+def test_a_failing_event_callback_lands_the_lamp() -> None:
+    ticks: list[Tick] = []
+    calls: list[str] = []
+
+    def on_event(level: str, text: str) -> None:
+        calls.append(text)
+        if text == "run":
+            raise BrokenPipeError("terminal")
+
+    lamp = FakeLamp()
+    with pytest.raises(BrokenPipeError, match="terminal"):
+        run(lamp, Wave(), LAMP, on_tick=ticks.append, on_event=on_event)
+    assert calls == ["torque on", "run"]
+    assert phases(ticks)[-1] == "landing"
+    assert lamp.goals[-1] == pytest.approx(LAMP.rest)
+    assert lamp.torques == [True, False]
+
+
+def test_the_first_failure_is_the_one_raised() -> None:
+    def on_tick(tick: Tick) -> None:
+        raise OSError("disk")
+
+    def on_event(level: str, text: str) -> None:
+        raise BrokenPipeError("terminal")
+
+    lamp = FakeLamp()
+    with pytest.raises(BrokenPipeError, match="terminal"):
+        run(lamp, Wave(), LAMP, on_tick=on_tick, on_event=on_event)
+    assert lamp.goals[-1] == pytest.approx(LAMP.rest)
+
+
+def test_a_stall_does_not_make_a_soft_move_jump() -> None:
+    lamp, ticks = FakeLamp(), []
+
+    def on_tick(tick: Tick) -> None:
+        ticks.append(tick)
+        if tick.index in (30, START_TICKS + 40):
+            lamp.clock.sleep_until(lamp.clock.now() + 0.4)
+
+    result = run(lamp, Wave(), LAMP, duration=0.3, on_tick=on_tick)
+    assert result.missed_ticks > 30
+    assert len([tick for tick in ticks if tick.phase == "start"]) == START_TICKS
+    start, landing = ([tick.goal for tick in ticks if tick.phase == phase] for phase in ("start", "landing"))
+    assert np.abs(np.diff(np.array(start), axis=0)).max() < 0.3 / START_MOVE * 15 / 8 * 0.02 + 1e-9
+    assert np.abs(np.diff(np.array(landing), axis=0)).max() < 1.0 / LANDING * 15 / 8 * 0.02
+    assert landing[-1] == pytest.approx(LAMP.rest)
+
+
+def test_a_pose_too_far_outside_the_limits_keeps_torque_off() -> None:
+    lamp = FakeLamp()
+    lamp.angle = np.array([0.0, LAMP.upper[1] + 0.3, 0.0])
+    with pytest.raises(SafetyError, match=r"knee stands at 1\.08 rad, outside -1 to 0\.78 rad by more than the 0\.28"):
+        run(lamp, Wave(), LAMP)
+    assert True not in lamp.torques
+
+
+def test_a_period_that_starves_the_watchdog_is_refused() -> None:
+    assert 2 * MAX_PERIOD == WATCHDOG
+    lamp = FakeLamp()
+    with pytest.raises(SafetyError, match=r"^control_period = 0\.11 s is longer than 0\.1 s: .*Bus Watchdog"):
+        run(lamp, Wave(), LAMP, period=0.11)
+    assert lamp.torques == []
+    assert run(lamp, Wave(), LAMP, period=MAX_PERIOD, duration=0.5).ended == "finished"
+
+
+def test_a_bus_too_slow_for_the_period_is_refused() -> None:
+    slow, lamp = dataclasses.replace(LAMP, bus_baud=57_600), FakeLamp()
+    with pytest.raises(
+        SafetyError, match=r"38\.0 ms on .* bus\.baud = 57600, more than 80% of control_period = 0\.02 s"
+    ):
+        run(lamp, Wave(), slow)
+    assert lamp.torques == []
+    assert run(lamp, Wave(), slow, period=0.05, duration=0.5).ended == "finished"
+
+
+def test_torque_that_may_be_on_is_said_on_exceptions_too() -> None:
+    class Broken(Wave):
+        def step(self, observation: Observation, time: float) -> NoReturn:
+            raise RuntimeError("x")
+
+    def spoil(observation: Observation) -> None:
+        if not lamp.on and lamp.goals:
+            observation.health.torque[:2] = -1
+
+    lamp, events = FakeLamp(spoil), []
+    with pytest.raises(RuntimeError):
+        run(lamp, Broken(), LAMP, on_event=lambda *event: events.append(event))
+    assert events[-1] == ("error", "torque may still be on: ankle, knee; switch the supply off")
+
+
+def test_one_missed_reading_at_the_end_is_no_alarm() -> None:
+    looks: list[int] = []
+
+    def spoil(observation: Observation) -> None:
+        if not lamp.on and lamp.goals and not looks:
+            looks.append(1)
+            observation.health.torque[:] = -1
+
+    lamp = FakeLamp(spoil)
+    result = run(lamp, Wave(), LAMP, duration=0.1)
+    assert (looks, result.ended, result.faults) == ([1], "finished", {})
 
 
 @pytest.mark.parametrize("error", [BusError("the port is gone", "/dev/x"), SafetyError("goal nan")])
@@ -200,8 +317,12 @@ def test_a_servo_that_stays_on_is_a_fault() -> None:
     def spoil(observation: Observation) -> None:
         observation.health.torque[0] = 1
 
-    result = run(FakeLamp(spoil), Wave(), LAMP, duration=0.1)
+    events: list[tuple[str, str]] = []
+    result = run(FakeLamp(spoil), Wave(), LAMP, duration=0.1, on_event=lambda *event: events.append(event))
     assert result.faults == {"ankle: torque still on at the end": 1}
+    assert (result.ended, result.reason) == ("cut", "torque may still be on: ankle")
+    assert ("error", "torque may still be on: ankle; switch the supply off") in events
+    assert not [text for _, text in events if text.startswith("torque off")]
 
 
 def test_missed_ticks_are_skipped_and_counted() -> None:
