@@ -17,7 +17,8 @@ from robolamp.log.context import run_context
 from robolamp.log.writer import LogWriter
 from robolamp.robot.lamp import RobotLamp
 from robolamp.runtime.clock import MonotonicClock
-from robolamp.runtime.loop import RunResult, run
+from robolamp.runtime.loop import run
+from robolamp.runtime.result import RunResult
 from robolamp.runtime.stop import StopRequest
 from robolamp.signals import Tick
 

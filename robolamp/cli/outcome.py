@@ -16,7 +16,7 @@ from rich.text import Text
 
 from robolamp.cli.drive import Drive
 from robolamp.cli.output import print_json
-from robolamp.runtime.loop import RunResult
+from robolamp.runtime.result import RunResult
 
 _ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 

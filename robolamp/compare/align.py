@@ -25,6 +25,7 @@ STILL = 0.01
 sticks by a few encoder counts looks like motion, but not like the same motion."""
 LIKENESS = 0.8
 """Correlation below which two recordings are not the same motion, and have no lag."""
+_RESOLUTION = 1e-9  # samples closer than a log's time stamps can tell apart are one [s]
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ class Trace:
         there = np.isfinite(time) & np.isfinite(value)
         time, value = time[there], value[there]
         rising = np.ones(time.size, bool)
-        rising[1:] = time[1:] > np.maximum.accumulate(time)[:-1]
+        rising[1:] = time[1:] > np.maximum.accumulate(time)[:-1] + _RESOLUTION
         time, value = time[rising], value[rising]
         if time.size < 2:
             return cls(time, value, np.zeros(time.size), 0.0)

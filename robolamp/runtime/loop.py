@@ -3,30 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.controller.pilot import PilotStep
-from robolamp.dynamixel.servos import tick_wire_time
 from robolamp.errors import BusError, RobolampError, SafetyError
 from robolamp.lamp import Lamp
 from robolamp.runtime.health import Guard, Verdict
+from robolamp.runtime.result import RunResult
+from robolamp.runtime.schedule import PERIOD, check_period
 from robolamp.runtime.stop import StopRequest
-from robolamp.signals import Command, Interventions, LampBackend, Observation, Tick
+from robolamp.signals import Command, LampBackend, Observation, Tick
 
 Array = NDArray[np.float64]
-
-PERIOD = 0.02
-"""Control period where the controller gives none [s]: 50 Hz."""
-
-MAX_PERIOD = 0.1
-"""Longest control period [s]: half the 0.2 s of silence after which the servos' Bus Watchdog stops them."""
-
-WIRE_SHARE = 0.8
-"""Largest share of the period that a tick's packets may take on the servo bus; the rest is for everything else."""
 
 START_MOVE = 1.5
 """Time from the present pose to the neutral one [s]."""
@@ -52,32 +44,6 @@ class Pilot(Protocol):
             time: Since the run phase began [s], by the schedule.
         """
         ...
-
-
-@dataclass
-class RunResult:
-    """How a run went.
-
-    Attributes:
-        ended: "finished", "stopped" (on request), "guard" (landed for a fault) or "cut" (torque off at once, or not
-            confirmed to be off at the end).
-        reason: Why, where it did not finish.
-        ticks: Ticks that were run.
-        missed_ticks: Ticks that were due and skipped because an earlier one took too long.
-        held_ticks: Ticks of the run that held the last goal because an angle was missing.
-        hops: Hops counted from the foot sensor.
-        interventions: Totals of the envelope.
-        faults: How many ticks showed each fault, by its text.
-    """
-
-    ended: str = "finished"
-    reason: str = ""
-    ticks: int = 0
-    missed_ticks: int = 0
-    held_ticks: int = 0
-    hops: int = 0
-    interventions: Interventions = field(default_factory=Interventions)
-    faults: dict[str, int] = field(default_factory=dict)
 
 
 def run(
@@ -131,30 +97,6 @@ def run(
     if loop.broken:
         raise loop.broken
     return result
-
-
-def check_period(period: float, lamp: Lamp) -> None:
-    """Check that a lamp can be driven at a control period.
-
-    Args:
-        period: [s].
-        lamp: Gives the number of servos and the baud rate.
-
-    Raises:
-        SafetyError: It cannot.
-    """
-    if period > MAX_PERIOD:
-        raise SafetyError(
-            f"control_period = {period:g} s is longer than {MAX_PERIOD:g} s: the servos' Bus Watchdog stops them after "
-            f"{2 * MAX_PERIOD:g} s of silence"
-        )
-    wire = tick_wire_time(len(lamp.joints), lamp.bus_baud)
-    if wire > WIRE_SHARE * period:
-        raise SafetyError(
-            f"a tick takes {wire * 1e3:.1f} ms on the servo bus at bus.baud = {lamp.bus_baud}, more than "
-            f"{WIRE_SHARE:.0%} of control_period = {period:g} s; raise the baud rate (of the servos too) or the period",
-            str(lamp.path),
-        )
 
 
 def smooth(share: float) -> float:

@@ -13,7 +13,7 @@ from robolamp.cli.drive import Drive
 from robolamp.cli.options import Setup
 from robolamp.cli.outcome import reporting, tell, tell_of_none, tidying
 from robolamp.errors import BusError
-from robolamp.runtime.loop import RunResult
+from robolamp.runtime.result import RunResult
 
 SETUP = Setup.of(None, "nominal")
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from robolamp.compare.align import Trace, compare_joint, find_lag, measure
@@ -83,6 +83,7 @@ def test_recordings_of_different_times_share_nothing():
 
 @settings(max_examples=50, deadline=None)
 @given(st.lists(st.tuples(st.floats(0, 10), st.floats(-1, 1) | st.just(math.nan)), max_size=50))
+@example([(0.0, 0.0), (5e-324, 1.0)])
 def test_a_trace_stays_finite_whatever_the_stamps(samples):
     time, value = np.array([pair[0] for pair in samples]), np.array([pair[1] for pair in samples])
     trace = Trace.of(time, value)

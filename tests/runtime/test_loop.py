@@ -10,7 +10,8 @@ import pytest
 from robolamp.errors import BusError, SafetyError
 from robolamp.robot.lamp import WATCHDOG
 from robolamp.runtime.health import ANGLE_AGE
-from robolamp.runtime.loop import LANDING, MAX_PERIOD, START_HOLD, START_MOVE, run, smooth
+from robolamp.runtime.loop import LANDING, START_HOLD, START_MOVE, run, smooth
+from robolamp.runtime.schedule import MAX_PERIOD
 from robolamp.runtime.stop import StopRequest
 from robolamp.signals import Observation, Tick
 

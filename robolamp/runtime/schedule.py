@@ -1,0 +1,40 @@
+"""Control periods: which ones a lamp can be driven at."""
+
+from __future__ import annotations
+
+from robolamp.dynamixel.servos import tick_wire_time
+from robolamp.errors import SafetyError
+from robolamp.lamp import Lamp
+
+PERIOD = 0.02
+"""Control period where the controller gives none [s]: 50 Hz."""
+
+MAX_PERIOD = 0.1
+"""Longest control period [s]: half the 0.2 s of silence after which the servos' Bus Watchdog stops them."""
+
+WIRE_SHARE = 0.8
+"""Largest share of the period that a tick's packets may take on the servo bus; the rest is for everything else."""
+
+
+def check_period(period: float, lamp: Lamp) -> None:
+    """Check that a lamp can be driven at a control period.
+
+    Args:
+        period: [s].
+        lamp: Gives the number of servos and the baud rate.
+
+    Raises:
+        SafetyError: It cannot.
+    """
+    if period > MAX_PERIOD:
+        raise SafetyError(
+            f"control_period = {period:g} s is longer than {MAX_PERIOD:g} s: the servos' Bus Watchdog stops them after "
+            f"{2 * MAX_PERIOD:g} s of silence"
+        )
+    wire = tick_wire_time(len(lamp.joints), lamp.bus_baud)
+    if wire > WIRE_SHARE * period:
+        raise SafetyError(
+            f"a tick takes {wire * 1e3:.1f} ms on the servo bus at bus.baud = {lamp.bus_baud}, more than "
+            f"{WIRE_SHARE:.0%} of control_period = {period:g} s; raise the baud rate (of the servos too) or the period",
+            str(lamp.path),
+        )
