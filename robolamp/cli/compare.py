@@ -39,9 +39,9 @@ def compare(
         tolerances: What is allowed: a TOML file, or the name of one in calibration/tolerances/.
         as_json: Print one JSON object.
     """
-    from robolamp.compare.report import sentence  # noqa: PLC0415 (mujoco and matplotlib load after the arguments)
-    from robolamp.compare.run import compare_log  # noqa: PLC0415
-    from robolamp.compare.tolerances import load_tolerances  # noqa: PLC0415
+    from robolamp.compare.report import sentence  # mujoco and matplotlib load after the arguments
+    from robolamp.compare.run import compare_log
+    from robolamp.compare.tolerances import load_tolerances
 
     if not log.name:
         raise FileError("is a folder; expected a log (.mcap)", str(log))

@@ -51,11 +51,11 @@ def deploy(
                 f"{key}: {value!r} is not a serial port; name it there or by {option}", str(setup.lamp.path)
             )
 
-    from robolamp.cli.drive import Drive, drive, run_folder  # noqa: PLC0415 (after the arguments are checked)
-    from robolamp.cli.outcome import account, ended, facts, reporting, tell, tell_of_none, tidying  # noqa: PLC0415
-    from robolamp.compare.report import sentence  # noqa: PLC0415
-    from robolamp.compare.run import compare_log  # noqa: PLC0415
-    from robolamp.runtime.stop import StopRequest  # noqa: PLC0415
+    from robolamp.cli.drive import Drive, drive, run_folder  # after the arguments are checked
+    from robolamp.cli.outcome import account, ended, facts, reporting, tell, tell_of_none, tidying
+    from robolamp.compare.report import sentence
+    from robolamp.compare.run import compare_log
+    from robolamp.runtime.stop import StopRequest
 
     folder = run_folder(output, loaded, distance)
     plan = Drive(setup, loaded, distance, duration, "lamp", folder / "log.mcap")

@@ -50,13 +50,13 @@ def dry_run(
     loaded = setup.controller(controller, on_board=True)
     distance = length(goal, "--goal")
 
-    from robolamp.cli.drive import Drive, drive, run_folder  # noqa: PLC0415 (after the arguments are checked)
-    from robolamp.cli.outcome import account, ended, facts, reporting, tell, tell_of_none, tidying  # noqa: PLC0415
-    from robolamp.compare.report import sentence  # noqa: PLC0415
-    from robolamp.compare.run import compare_log  # noqa: PLC0415
-    from robolamp.emulator.reality import load_reality  # noqa: PLC0415
-    from robolamp.log.reader import read_run, read_truth  # noqa: PLC0415
-    from robolamp.runtime.stop import StopRequest  # noqa: PLC0415
+    from robolamp.cli.drive import Drive, drive, run_folder  # after the arguments are checked
+    from robolamp.cli.outcome import account, ended, facts, reporting, tell, tell_of_none, tidying
+    from robolamp.compare.report import sentence
+    from robolamp.compare.run import compare_log
+    from robolamp.emulator.reality import load_reality
+    from robolamp.log.reader import read_run, read_truth
+    from robolamp.runtime.stop import StopRequest
 
     load_reality(reality, setup.lamp, setup.assets)  # refused here in one line, not by the emulator
     folder = run_folder(output, loaded, distance)

@@ -42,11 +42,11 @@ def emulate(
     """
     parent = os.getppid()
     with StopRequest() as stop:  # before all that takes seconds to load
-        from robolamp.emulator.lamp import EmulatedLamp  # noqa: PLC0415 (mujoco is loaded after the arguments are checked)
-        from robolamp.emulator.process import REAL_TIME_GAP, Process  # noqa: PLC0415
-        from robolamp.emulator.reality import load_reality  # noqa: PLC0415
-        from robolamp.emulator.truth import TruthLog  # noqa: PLC0415
-        from robolamp.log.context import versions  # noqa: PLC0415
+        from robolamp.emulator.lamp import EmulatedLamp  # mujoco is loaded after the arguments are checked
+        from robolamp.emulator.process import REAL_TIME_GAP, Process
+        from robolamp.emulator.reality import load_reality
+        from robolamp.emulator.truth import TruthLog
+        from robolamp.log.context import versions
 
         assets = Assets.of(lamp)
         description = load_lamp(assets)

@@ -14,7 +14,7 @@ def main() -> None:
     """Run the command line and exit the process with its code."""
     signal.signal(signal.SIGINT, _interrupt)
     try:
-        from robolamp.cli.main import main as run  # noqa: PLC0415
+        from robolamp.cli.main import main as run
 
         run()
     except KeyboardInterrupt:

@@ -76,11 +76,11 @@ def render(
 def _driven(
     name: str, setup: Setup, goal: float, duration: float
 ) -> tuple[TwinModel, NDArray[np.float64], NDArray[np.float64]]:
-    from robolamp.controller.pilot import Pilot  # noqa: PLC0415
-    from robolamp.runtime.loop import run  # noqa: PLC0415
-    from robolamp.signals import Tick  # noqa: PLC0415
-    from robolamp.twin.lamp import TwinLamp  # noqa: PLC0415
-    from robolamp.twin.model import build  # noqa: PLC0415
+    from robolamp.controller.pilot import Pilot
+    from robolamp.runtime.loop import run
+    from robolamp.signals import Tick
+    from robolamp.twin.lamp import TwinLamp
+    from robolamp.twin.model import build
 
     controller = setup.controller(name, on_board=True)
     twin = build(setup.lamp, setup.calibration, setup.assets)
@@ -100,8 +100,8 @@ def _driven(
 
 
 def _replayed(path: str, setup: Setup) -> tuple[TwinModel, NDArray[np.float64], NDArray[np.float64]]:
-    from robolamp.compare.replay import replay  # noqa: PLC0415
-    from robolamp.log.reader import read_run  # noqa: PLC0415
+    from robolamp.compare.replay import replay
+    from robolamp.log.reader import read_run
 
     log = read_run(path)
     twin = replay(log, setup.lamp, setup.calibration, setup.assets)
