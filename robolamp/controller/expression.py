@@ -96,16 +96,16 @@ class _Reader:
                 break
             position = match.end()
             if match["comment"] is None:
-                self.lexemes.append(
-                    (match["paren"] or match["atom"], match.end() - len(match["paren"] or match["atom"]))
-                )
+                lexeme = match["paren"] or match["atom"]
+                self.lexemes.append((lexeme, match.end() - len(lexeme)))
         self.index = 0
 
     def fail(self, expected: str, position: int | None = None) -> ExpressionError:
         at = len(self.text) if position is None else position
         line = self.text.count("\n", 0, at) + 1
         column = at - (self.text.rfind("\n", 0, at) + 1) + 1
-        found = "the end" if position is None else repr(_LEXEME.match(self.text, at).group().strip()[:40])  # type: ignore[union-attr]
+        match = None if position is None else _LEXEME.match(self.text, position)
+        found = "the end" if match is None else repr(match.group().strip()[:40])
         return ExpressionError(f"found {found} at line {line}, column {column}; expected {expected}", self.where)
 
     def next(self, expected: str) -> tuple[str, int]:

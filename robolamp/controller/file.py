@@ -181,8 +181,7 @@ def format_controller(controller: Controller) -> str:
     document["name"] = controller.name
     document["task"] = controller.task
     document["drive"] = controller.drive
-    document["control_period"] = controller.control_period
-    document["control_period"].comment("s")  # type: ignore[union-attr]
+    document["control_period"] = tomlkit.item(controller.control_period).comment("s")
     document["terminals"] = list(controller.terminals)
     joints = tomlkit.table()
     for name, expression in zip(controller.joints, controller.expressions, strict=True):

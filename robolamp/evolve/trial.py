@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,7 +97,7 @@ class Trials:
         """
         began = time.perf_counter()
         unique = list(dict.fromkeys(genomes))
-        columns: list[list[NDArray[np.float64]]] = [[] for _ in range(6)]
+        columns: list[list[NDArray[Any]]] = [[] for _ in range(6)]
         batch = max(1, _LANES_AT_ONCE // len(cases))
         for start in range(0, len(unique), batch):
             part = unique[start : start + batch]
@@ -117,4 +118,5 @@ class Trials:
         self.seconds += time.perf_counter() - began
         place = {genome: index for index, genome in enumerate(unique)}
         index = np.array([place[genome] for genome in genomes])
-        return Score(*(np.concatenate(column)[index] for column in columns))  # type: ignore[arg-type]
+        main, style, hits, falls, hops, flight_share = (np.concatenate(column)[index] for column in columns)
+        return Score(main, style, hits, falls, hops, flight_share)
