@@ -7,8 +7,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from robolamp.cli.options import DURATION, Setup, length
+from robolamp.cli.options import DURATION, GOAL_TIME, Setup, length
 from robolamp.cli.output import counted, print_json
+from robolamp.controller.file import check_goal_time
 from robolamp.errors import FileError
 
 
@@ -17,6 +18,7 @@ def deploy(
     /,
     *,
     goal: str,
+    goal_time: Annotated[float | None, GOAL_TIME] = None,
     port: str | None = None,
     foot_port: str | None = None,
     duration: Annotated[float, DURATION] = 5.0,
@@ -33,6 +35,7 @@ def deploy(
     Args:
         controller: A controller file, or the name of a shipped one (hop).
         goal: How far to go, as 0.30 (metres) or 30cm.
+        goal_time: Time to take for the way in seconds, for a controller that reads goal_time.
         port: Serial port of the servos; by default bus.port of hardware/lamp.toml.
         foot_port: Serial port of the foot sensor; by default foot.port of hardware/lamp.toml.
         duration: How long the controller drives, in seconds.
@@ -43,6 +46,7 @@ def deploy(
     """
     setup = Setup.of(lamp, calibration)
     loaded = setup.controller(controller, on_board=True)
+    check_goal_time(loaded, goal_time)
     distance = length(goal, "--goal")
     servos, foot = port or setup.lamp.bus_port, foot_port or setup.lamp.foot_port
     for key, option, value in (("bus.port", "--port", servos), ("foot.port", "--foot-port", foot)):
@@ -58,7 +62,7 @@ def deploy(
     from robolamp.runtime.stop import StopRequest
 
     folder = run_folder(output, loaded, distance)
-    plan = Drive(setup, loaded, distance, duration, "lamp", folder / "log.mcap")
+    plan = Drive(setup, loaded, distance, duration, "lamp", folder / "log.mcap", goal_time)
     with tidying(plan), StopRequest() as stop:
         result = drive(plan, servos, foot, stop, as_json)
     if not plan.phases["run"]:

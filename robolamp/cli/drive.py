@@ -36,6 +36,7 @@ class Drive:
         duration: Length of the run phase [s].
         backend: "emulator" or "lamp", for the log.
         log: The log file.
+        goal_time: Commanded time to take for the way [s]; None: none is commanded.
         phases: How many ticks there were so far, by phase.
     """
 
@@ -45,6 +46,7 @@ class Drive:
     duration: float
     backend: str
     log: Path
+    goal_time: float | None = None
     phases: Counter[str] = field(default_factory=Counter)
 
 
@@ -67,7 +69,7 @@ def drive(plan: Drive, servo_port: str, foot_port: str, stop: StopRequest, quiet
         FileError: The log cannot be written.
     """
     lamp = plan.setup.lamp
-    pilot = Pilot(plan.controller, lamp, plan.goal)  # compiled before anything is connected
+    pilot = Pilot(plan.controller, lamp, plan.goal, plan.goal_time)  # compiled before anything is connected
     clock = MonotonicClock()
     patience = _EMULATOR_PATIENCE if plan.backend == "emulator" else PATIENCE
     robot = RobotLamp(lamp, servo_port, foot_port, clock, patience=patience)
@@ -79,6 +81,7 @@ def drive(plan: Drive, servo_port: str, foot_port: str, stop: StopRequest, quiet
         controller_name=plan.controller.name,
         terminals=pilot.terminals,
         goal=plan.goal,
+        goal_time=plan.goal_time,
         control_period=pilot.control_period,
     )
     try:

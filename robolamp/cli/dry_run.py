@@ -15,8 +15,9 @@ import numpy as np
 from cyclopts import Parameter
 from rich.console import Console
 
-from robolamp.cli.options import DURATION, Setup, length
+from robolamp.cli.options import DURATION, GOAL_TIME, Setup, length
 from robolamp.cli.output import counted, print_json
+from robolamp.controller.file import check_goal_time
 from robolamp.errors import BusError
 
 _READY_TIMEOUT = 60.0  # the emulator compiles its friction kernel on its first start [s]
@@ -27,6 +28,7 @@ def dry_run(
     /,
     *,
     goal: str,
+    goal_time: Annotated[float | None, GOAL_TIME] = None,
     duration: Annotated[float, DURATION] = 5.0,
     reality: str = "worn",
     calibration: str = "nominal",
@@ -39,6 +41,7 @@ def dry_run(
     Args:
         controller: A controller file, or the name of a shipped one (hop).
         goal: How far to go, as 0.30 (metres) or 30cm.
+        goal_time: Time to take for the way in seconds, for a controller that reads goal_time.
         duration: How long the controller drives, in seconds.
         reality: How the emulated lamp differs from its twin: a file, the name of one (worn), or none.
         calibration: The twin's numbers: a file, or a name in calibration/.
@@ -48,6 +51,7 @@ def dry_run(
     """
     setup = Setup.of(lamp, calibration)
     loaded = setup.controller(controller, on_board=True)
+    check_goal_time(loaded, goal_time)
     distance = length(goal, "--goal")
 
     from robolamp.cli.drive import Drive, drive, run_folder  # after the arguments are checked
@@ -62,7 +66,7 @@ def dry_run(
     folder = run_folder(output, loaded, distance)
     log, truth_log = folder / "log.mcap", folder / "truth.mcap"
     console = Console(quiet=as_json, highlight=False, soft_wrap=True)
-    plan = Drive(setup, loaded, distance, duration, "emulator", log)
+    plan = Drive(setup, loaded, distance, duration, "emulator", log, goal_time)
     with tidying(plan, truth_log), StopRequest() as stop:
         options = ["--reality", reality, "--calibration", calibration, "--truth", str(truth_log)]
         if lamp is not None:

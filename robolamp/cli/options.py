@@ -24,16 +24,16 @@ MAX_GOAL = 5.0
 """Furthest goal that a lamp on a desk may be sent to [m]."""
 
 
-def seconds(low: float, high: float) -> Callable[[type, float], None]:
-    """Return a check for a length of time that an option takes; not-a-number is refused too.
+def seconds(low: float, high: float) -> Callable[[type, float | None], None]:
+    """Return a check for a length of time that an option takes; not-a-number is refused too, none given is not.
 
     Args:
         low: Shortest [s].
         high: Longest [s].
     """
 
-    def check(_: type, value: float) -> None:
-        if not low <= value <= high:
+    def check(_: type, value: float | None) -> None:
+        if value is not None and not low <= value <= high:
             raise ValueError(f"Must be a number from {low:g} to {high:g} (seconds).")
 
     return check
@@ -41,6 +41,10 @@ def seconds(low: float, high: float) -> Callable[[type, float], None]:
 
 DURATION = Parameter(validator=seconds(0.5, 600.0))
 """How long a controller may drive [s]."""
+
+
+GOAL_TIME = Parameter(validator=seconds(0.1, 600.0))
+"""Time that a controller may be told to take for the way [s]."""
 
 
 def length(text: str, option: str, low: float = 0.0, high: float = MAX_GOAL) -> float:

@@ -11,11 +11,16 @@ from cyclopts import Parameter
 from numpy.typing import NDArray
 from PIL import Image
 
-from robolamp.cli.options import Setup, length, seconds
+from robolamp.cli.options import GOAL_TIME, Setup, length, seconds
 from robolamp.cli.output import print_json
+from robolamp.cli.pole import pole_of
+from robolamp.controller.file import Controller, check_goal_time
+from robolamp.controller.terminals import all_terminals
 from robolamp.errors import RobolampError
 from robolamp.files import write_atomic
-from robolamp.twin.model import TwinModel
+from robolamp.twin.fleet import Fleet, Job
+from robolamp.twin.model import Pole, TwinModel, build
+from robolamp.twin.playback import play
 from robolamp.twin.render import animation, strip
 
 _POSES = 8  # of a strip
@@ -30,6 +35,9 @@ def render(
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     goal: str = "0.30",
     duration: Annotated[float, Parameter(validator=seconds(0.5, 60.0))] = 5.0,
+    goal_time: Annotated[float | None, GOAL_TIME] = None,
+    pole: str | None = None,
+    pole_at: str | None = None,
     calibration: str = "nominal",
     lamp: Path | None = None,
     opengl: bool = True,
@@ -42,6 +50,9 @@ def render(
         output: The picture: .png for a strip of poses, .gif for an animation in real time.
         goal: How far a controller is sent, as 0.30 (metres) or 30cm; a log has its own.
         duration: How long a controller drives, in seconds.
+        goal_time: Time to take for the way in seconds, for a controller that reads goal_time.
+        pole: Limbo: height of the lower edge of a pole across the way, as 0.20 (metres) or 20cm.
+        pole_at: With --pole: its distance ahead of the lamp's start (20cm).
         calibration: The twin's numbers: a file, or a name in calibration/.
         lamp: A folder of your own lamp, laid out like robolamp's.
         opengl: Without it, draw side views of the links even where OpenGL is to be had.
@@ -50,10 +61,16 @@ def render(
     if output.suffix not in (".png", ".gif"):
         raise RobolampError(f"{output.name!r} does not end in .png or .gif", "--output")
     setup = Setup.of(lamp, calibration)
+    limbo = pole_of(pole, pole_at)
     if run.endswith(".mcap"):
+        if limbo is not None:
+            raise RobolampError("is for a controller; no log has a pole", "--pole")
         twin, time, qpos = _replayed(run, setup)
     else:
-        twin, time, qpos = _driven(run, setup, length(goal, "--goal"), duration)
+        controller = setup.controller(run)
+        check_goal_time(controller, goal_time)
+        job = Job(0, 0, length(goal, "--goal"), goal_time or 0.0)
+        twin, time, qpos = _driven(controller, setup, limbo, job, duration)
     shown = _moving(time, qpos)
     time, qpos = time[shown] - time[shown][0], qpos[shown]
     stream = io.BytesIO()
@@ -74,29 +91,15 @@ def render(
 
 
 def _driven(
-    name: str, setup: Setup, goal: float, duration: float
+    controller: Controller, setup: Setup, pole: Pole | None, job: Job, duration: float
 ) -> tuple[TwinModel, NDArray[np.float64], NDArray[np.float64]]:
-    from robolamp.controller.pilot import Pilot
-    from robolamp.runtime.loop import run
-    from robolamp.signals import Tick
-    from robolamp.twin.lamp import TwinLamp
-    from robolamp.twin.model import build
-
-    controller = setup.controller(name, on_board=True)
-    twin = build(setup.lamp, setup.calibration, setup.assets)
-    body = TwinLamp(twin)
-    body.open()
-    time: list[float] = []
-    qpos: list[NDArray[np.float64]] = []
-
-    def keep(tick: Tick) -> None:
-        if tick.phase == "run":
-            time.append(tick.began)
-            qpos.append(body.body.data.qpos.copy())
-
-    pilot = Pilot(controller, setup.lamp, goal)
-    run(body, pilot, setup.lamp, period=pilot.control_period, duration=duration, on_tick=keep)
-    return twin, np.array(time), np.array(qpos)
+    """Return what `score` scores, as positions: a run ends at a fall, and what follows is drawn, too."""
+    twin = build(setup.lamp, setup.calibration, setup.assets, pole=pole)
+    program = controller.compile(all_terminals(len(setup.lamp.joints)))
+    outcome = Fleet([twin], controller.control_period, 1).run([program], [job], duration, record=True)
+    assert outcome.trace is not None
+    ticks, sent = outcome.trace.goals.shape[1], outcome.trace.goals[0, : outcome.trace.ticks[0]]
+    return twin, np.arange(ticks + 1) * controller.control_period, play(twin, sent, controller.control_period, ticks)
 
 
 def _replayed(path: str, setup: Setup) -> tuple[TwinModel, NDArray[np.float64], NDArray[np.float64]]:

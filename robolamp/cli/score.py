@@ -11,13 +11,15 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from robolamp.cli.options import DURATION, Setup, goal_range
+from robolamp.cli.options import DURATION, GOAL_TIME, Setup, goal_range
 from robolamp.cli.output import counted, print_json
+from robolamp.cli.pole import pole_of
+from robolamp.controller.file import check_goal_time
 from robolamp.controller.terminals import all_terminals
 from robolamp.errors import RobolampError
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.judge import Outcome
-from robolamp.twin.model import build
+from robolamp.twin.model import Pole, build
 from robolamp.twin.spread import load_spread
 
 _ROWS = 12  # of the table that a person reads; --json has every goal
@@ -32,6 +34,9 @@ def score(
     spread: Annotated[float | None, Parameter(validator=validators.Number(gte=0, lte=5))] = None,
     seed: Annotated[int | None, Parameter(validator=validators.Number(gte=0))] = None,
     duration: Annotated[float, DURATION] = 5.0,
+    goal_time: Annotated[float | None, GOAL_TIME] = None,
+    pole: str | None = None,
+    pole_at: str | None = None,
     workers: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
     calibration: str = "nominal",
     lamp: Path | None = None,
@@ -53,6 +58,12 @@ def score(
         With --lamps: which lamps are drawn (1).
     duration
         Length of each run in seconds.
+    goal_time
+        Time to take for the way in seconds, for a controller that reads goal_time.
+    pole
+        Limbo: height of the lower edge of a pole across the way, as 0.20 (metres) or 20cm.
+    pole_at
+        With --pole: its distance ahead of the lamp's start (20cm).
     workers
         Threads; without it, one a core.
     calibration
@@ -60,24 +71,28 @@ def score(
     lamp
         A folder of your own lamp, laid out like robolamp's (sim/, hardware/, calibration/).
     as_json
-        Print one JSON object: goals_m, errors_m, hops, flight_share a goal (and lamp), hits, hits_1997, falls.
+        Print one JSON object: goals_m, errors_m, hops, flight_share a goal (and lamp), hits, hits_1997, falls,
+        upright, pole_hits.
     """
     for option, given in (("--spread", spread), ("--seed", seed)):
         if given is not None and lamps is None:
             raise RobolampError("is for lamps that are drawn; give --lamps, too", option)
     setup = Setup.of(lamp, calibration)
     loaded = setup.controller(controller)
+    check_goal_time(loaded, goal_time)
+    limbo = pole_of(pole, pole_at)
     distances = goal_range(goals, "--goals")
     joints = len(setup.lamp.joints)
     if lamps is None:
-        twins = [build(setup.lamp, setup.calibration, setup.assets)]
+        bends = [None]
     else:
         rng, law = np.random.default_rng(1 if seed is None else seed), load_spread(setup.assets)
         scale = 1.0 if spread is None else spread
-        twins = [build(setup.lamp, setup.calibration, setup.assets, law.draw(rng, joints, scale)) for _ in range(lamps)]
+        bends = [law.draw(rng, joints, scale) for _ in range(lamps)]
+    twins = [build(setup.lamp, setup.calibration, setup.assets, bend, pole=limbo) for bend in bends]
     fleet = Fleet(twins, loaded.control_period, workers)
     program = loaded.compile(all_terminals(joints))
-    jobs = [Job(0, variant, float(goal)) for variant in range(len(twins)) for goal in distances]
+    jobs = [Job(0, variant, float(goal), goal_time or 0.0) for variant in range(len(twins)) for goal in distances]
     outcome = fleet.run([program], jobs, duration)
     shape = (len(distances),) if lamps is None else (lamps, len(distances))
     if as_json:
@@ -93,22 +108,30 @@ def score(
                 "falls": int(outcome.fallen.sum()),
                 "runs": len(jobs),
                 "unstable": int(outcome.unstable.sum()),
+                "upright": int(outcome.upright.sum()),
+                "median_abs_error_m": np.median(np.abs(outcome.error)),
+                "flight_share_median": _median(outcome.flight_share),
+                **({} if limbo is None else {"pole_hits": int(outcome.pole.sum())}),
             }
         )
         return 0
-    _print(loaded.name, distances, outcome, len(twins), lamps is not None)
+    _print(loaded.name, distances, outcome, len(twins), lamps is not None, limbo)
     return 0
 
 
-def _print(name: str, distances: np.ndarray, outcome: Outcome, lamps: int, drawn: bool) -> None:
+def _print(name: str, distances: np.ndarray, outcome: Outcome, lamps: int, drawn: bool, pole: Pole | None) -> None:
     title = f"{name} on the twin" + (f", {counted(lamps, 'lamp')}" if drawn else "")
+    if pole is not None:
+        title += f", a pole {pole.height * 100:.1f} cm high at {pole.x * 100:.0f} cm"
     table = Table(title=Text(title, "italic"), title_justify="left")
-    for column in ("goal", "median error", "worst error", "hops", "flight share", "falls", "hits"):
+    columns = ("goal", "median error", "worst error", "hops", "flight share", "falls", "hits")
+    for column in columns if pole is None else (*columns, "pole hits"):
         table.add_column(column, justify="right")
     runs = len(outcome.goal)
     error, share = outcome.error.reshape(lamps, -1), outcome.flight_share.reshape(lamps, -1)
     hops = outcome.hops.reshape(lamps, -1)
     fallen, hit = outcome.fallen.reshape(lamps, -1), outcome.hit.reshape(lamps, -1)
+    touched = outcome.pole.reshape(lamps, -1)
     for index in np.unique(np.linspace(0, len(distances) - 1, _ROWS).round().astype(int)):
         own = error[:, index]
         table.add_row(
@@ -119,18 +142,25 @@ def _print(name: str, distances: np.ndarray, outcome: Outcome, lamps: int, drawn
             _share(share[:, index]),
             f"{fallen[:, index].sum()}",
             f"{hit[:, index].sum()}",
+            *([] if pole is None else [f"{touched[:, index].sum()}"]),
         )
     console = Console(highlight=False)
     console.print(table)
     hits, falls = counted(outcome.hit.sum(), "hit"), counted(outcome.fallen.sum(), "fall")
+    poles = "" if pole is None else f", {counted(outcome.pole.sum(), 'pole hit')}"
     console.print(
         f"{counted(runs, 'run')}: {hits} (at rest within 1.5 cm, upright), {outcome.hit_1997.sum()} came within"
-        f" 1.5 cm, {falls}; median |error| {np.median(np.abs(outcome.error)) * 100:.1f} cm,"
+        f" 1.5 cm, {falls}{poles}; median |error| {np.median(np.abs(outcome.error)) * 100:.1f} cm,"
         f" median flight share {_share(outcome.flight_share)}.",
         soft_wrap=True,
     )
 
 
-def _share(values: np.ndarray) -> str:
+def _median(values: np.ndarray) -> float:
     known = values[~np.isnan(values)]
-    return f"{np.median(known):.2f}" if len(known) else "-"
+    return float(np.median(known)) if len(known) else float("nan")
+
+
+def _share(values: np.ndarray) -> str:
+    median = _median(values)
+    return "-" if np.isnan(median) else f"{median:.2f}"

@@ -48,7 +48,8 @@ class Envelope:
         finite = np.isfinite(wanted)
         held = np.where(finite, wanted, self.goal)
         inside = np.clip(held, self._lower, self._upper)
-        slow = np.clip(inside, self.goal - self._step, self.goal + self._step)
+        # Plus 0.0: a goal of -0.0 becomes 0.0, so that goals that are alike are alike to the bit.
+        slow = np.clip(inside, self.goal - self._step, self.goal + self._step) + 0.0
         self.not_finite += np.count_nonzero(~finite, axis=1)
         self.limited += np.count_nonzero(inside != held, axis=1)
         self.slewed += np.count_nonzero(slow != inside, axis=1)

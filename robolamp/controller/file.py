@@ -12,7 +12,7 @@ import tomlkit
 
 from robolamp.controller.expression import Expression, parse, parse_list
 from robolamp.controller.program import Program, compile_program
-from robolamp.controller.terminals import all_terminals, on_board_terminals
+from robolamp.controller.terminals import OPTIONAL, all_terminals, on_board_terminals
 from robolamp.errors import ExpressionError, FileError
 from robolamp.files import Table, read_text, read_toml, write_atomic
 from robolamp.lamp import Lamp
@@ -125,6 +125,27 @@ def check_terminals(controller: Controller, supplied: Sequence[str], where: str)
             )
 
 
+def check_goal_time(controller: Controller, goal_time: float | None) -> None:
+    """Refuse a controller that reads goal_time where none was commanded.
+
+    Args:
+        controller: The controller.
+        goal_time: Commanded time to take for the way [s]; None: none was commanded.
+
+    Raises:
+        ExpressionError: Names the joints and the option that gives one.
+    """
+    reading = [
+        joint
+        for joint, expression in zip(controller.joints, controller.expressions, strict=True)
+        if "goal_time" in expression.terminals
+    ]
+    if reading and goal_time is None:
+        raise ExpressionError(
+            f"joints.{reading[0]}: reads goal_time, the time to take; give it by --goal-time SECONDS", controller.name
+        )
+
+
 def load_controller(path: Path, lamp: Lamp, *, on_board: bool = False) -> Controller:
     """Read a controller file.
 
@@ -167,7 +188,7 @@ def load_controller(path: Path, lamp: Lamp, *, on_board: bool = False) -> Contro
         raise FileError(f"terminals: unknown {unknown[0]!r}; expected some of {' '.join(terminals)}", where)
     if declared and set(declared) != set(controller.terminals):
         raise FileError(f"terminals: declares {declared}, but the expressions read {list(controller.terminals)}", where)
-    supplied = on_board_terminals(len(lamp.joints)) if on_board else terminals
+    supplied = on_board_terminals(len(lamp.joints)) + OPTIONAL if on_board else terminals
     check_terminals(controller, supplied, where)
     return controller
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.controller.envelope import Envelope
-from robolamp.controller.file import Controller, check_terminals
-from robolamp.controller.terminals import SignalLimits, Signals, on_board_terminals
+from robolamp.controller.file import Controller, check_goal_time, check_terminals
+from robolamp.controller.terminals import OPTIONAL, SignalLimits, Signals, on_board_terminals
 from robolamp.lamp import Lamp
 from robolamp.signals import Interventions, Observation
 
@@ -42,20 +42,23 @@ class Pilot:
         controller: The controller.
         lamp: The lamp.
         goal: Commanded distance [m].
+        goal_time: Commanded time to take for it [s]; None: none is commanded.
 
     Raises:
-        ExpressionError: The controller needs a signal that the lamp has not.
+        ExpressionError: The controller needs a signal that the lamp has not, or a time that was not commanded.
     """
 
-    def __init__(self, controller: Controller, lamp: Lamp, goal: float) -> None:
+    def __init__(self, controller: Controller, lamp: Lamp, goal: float, goal_time: float | None = None) -> None:
         n = len(lamp.joints)
-        self.terminals = on_board_terminals(n)
+        check_goal_time(controller, goal_time)
+        self.terminals = on_board_terminals(n) if goal_time is None else on_board_terminals(n) + OPTIONAL
         check_terminals(controller, self.terminals, controller.name)
         self._program = controller.compile(self.terminals)
         self._limits = SignalLimits(controller.control_period, lamp.contact_on, lamp.contact_off)
         self._lamp = lamp
         self._n = n
         self._goal = np.array([goal])
+        self._goal_time = 0.0 if goal_time is None else goal_time
         self.control_period = controller.control_period
         self.reset(np.zeros(n))
 
@@ -78,7 +81,9 @@ class Pilot:
         """
         force = np.array([observation.foot_force])
         tick = round(time / self._limits.period)
-        inputs = self._signals.update(observation.angle[None], force, self._goal, elapsed=tick - self._tick)[0]
+        inputs = self._signals.update(
+            observation.angle[None], force, self._goal, elapsed=tick - self._tick, goal_time=self._goal_time
+        )[0]
         self._tick = tick
         outputs = np.array(self._program.run(inputs.tolist()))
         goal = self._envelope.apply(outputs[None])[0]

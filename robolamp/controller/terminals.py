@@ -30,6 +30,11 @@ def on_board_terminals(joints: int) -> tuple[str, ...]:
     return ("t", *angles, *speeds, "s0", "contact", "air_time", "ground_time", "hops", "goal_dist")
 
 
+OPTIONAL = ("goal_time",)
+"""Terminals that only some commands give: goal_time, the time to take for the way [s] (Gritz & Hahn 1997, section 3.3:
+the "time to spend traveling" as a parameter of a skill)."""
+
+
 TWIN_ONLY = ("px", "py", "pz", "vx", "vy", "vz", "goal_met")
 """Terminals of Gritz & Hahn 1997 that nothing on the lamp measures: foot relative to the goal [m], its velocity [m/s]
 (x forward, z up), and 1 once the foot has come within 1.5 cm of the goal."""
@@ -37,7 +42,7 @@ TWIN_ONLY = ("px", "py", "pz", "vx", "vy", "vz", "goal_met")
 
 def all_terminals(joints: int) -> tuple[str, ...]:
     """Every terminal that a controller of a figure with that many joints may name."""
-    return on_board_terminals(joints) + TWIN_ONLY
+    return on_board_terminals(joints) + OPTIONAL + TWIN_ONLY
 
 
 @dataclass(frozen=True)
@@ -89,6 +94,7 @@ class Signals:
         goal: NDArray[np.float64],
         base: NDArray[np.float64] | None = None,
         elapsed: int = 1,
+        goal_time: NDArray[np.float64] | float = 0.0,
     ) -> NDArray[np.float64]:
         """Take one tick's measurements and return the terminals' values.
 
@@ -98,6 +104,7 @@ class Signals:
             goal: Commanded distances, shape (lanes,) [m].
             base: For the twin alone: px py pz vx vy vz goal_met, shape (lanes, 7); None on the lamp.
             elapsed: Control periods since the last call: more than 1 where ticks were missed.
+            goal_time: Commanded times to take, shape (lanes,) or one for all [s].
 
         Returns:
             Terminal values, shape (lanes, terminals); overwritten by the next call.
@@ -127,6 +134,7 @@ class Signals:
         self._set("ground_time", self._ground)
         self._set("hops", self.hops)
         self._set("goal_dist", goal)
+        self._set("goal_time", goal_time)
         if base is not None:
             for index, name in enumerate(TWIN_ONLY):
                 self._set(name, base[:, index])

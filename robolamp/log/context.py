@@ -38,6 +38,7 @@ def run_context(
     terminals: Sequence[str],
     goal: float,
     control_period: float,
+    goal_time: float | None = None,
 ) -> dict[str, str]:
     """Return the context of a run for `LogWriter`.
 
@@ -50,6 +51,7 @@ def run_context(
         terminals: Names of the controller's terminals, in the order of the ticks' `inputs`.
         goal: Where to go [m].
         control_period: Time from tick to tick [s].
+        goal_time: Commanded time to take for the way [s]; None: none is commanded.
     """
     return {
         "backend": backend,
@@ -62,6 +64,7 @@ def run_context(
         "controller_name": controller_name,
         "terminals": " ".join(terminals),
         "goal_m": repr(float(goal)),
+        **({} if goal_time is None else {"goal_time_s": repr(float(goal_time))}),
         "control_period": repr(float(control_period)),
         "versions": versions(),
         "command": shlex.join(sys.argv),

@@ -6,11 +6,12 @@ a tick. Lanes do not touch each other: results are the same to the bit for any n
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -24,13 +25,16 @@ from robolamp.errors import RobolampError
 from robolamp.twin.body import Body
 from robolamp.twin.judge import Judge, Outcome
 from robolamp.twin.model import TwinModel
+from robolamp.twin.poses import KeyPose, PoseErrors
 from robolamp.twin.sensors import measure_angle, measure_force
 from robolamp.twin.servo import friction_loss
+from robolamp.twin.trace import Trace
 
 SETTLE_TIME = 1.0
 """How long a lamp stands in the neutral pose before a run [s]: the twin's share of the soft start."""
 
-_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+SETTLED = mujoco.mjtState.mjSTATE_INTEGRATION
+"""What `settle` returns of a state."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +45,13 @@ class Job:
         program: Index of the program.
         variant: Index of the lamp.
         goal: Commanded distance [m].
+        goal_time: Commanded time to take for it [s]; 0: none is commanded.
     """
 
     program: int
     variant: int
     goal: float
+    goal_time: float = 0.0
 
 
 def settle(twin: TwinModel) -> NDArray[np.float64]:
@@ -59,21 +65,21 @@ def settle(twin: TwinModel) -> NDArray[np.float64]:
     """
     body = Body(twin)
     body.step(round(SETTLE_TIME / twin.timestep))
-    state = np.empty(mujoco.mj_stateSize(body.model, _STATE))
-    mujoco.mj_getState(body.model, body.data, state, _STATE)
+    state = np.empty(mujoco.mj_stateSize(body.model, SETTLED))
+    mujoco.mj_getState(body.model, body.data, state, SETTLED)
     return state
 
 
-def _differing(models: Sequence[mujoco.MjModel]) -> list[str]:
-    first = models[0]
-    names = []
+def _differing(models: Sequence[mujoco.MjModel]) -> dict[str, NDArray[np.float64]]:
+    """Return the fields of models that are not alike in all of them, with their values, shape (models, ...)."""
+    found = {}
     for name in sorted(MODEL_FIELDS):
         if name.startswith("opt.") or name == "dof_frictionloss":
             continue
         values = [getattr(model, name) for model in models]
-        if any(not np.array_equal(getattr(first, name), value) for value in values[1:]):
-            names.append(name)
-    return names
+        if any(not np.array_equal(values[0], value) for value in values[1:]):
+            found[name] = np.stack(values)
+    return found
 
 
 class _Shard:
@@ -82,7 +88,8 @@ class _Shard:
     def __init__(
         self,
         twins: Sequence[TwinModel],
-        states: Sequence[NDArray[np.float64]],
+        states: NDArray[np.float64],
+        differing: dict[str, NDArray[np.float64]],
         variant: NDArray[np.int64],
         period: float,
     ) -> None:
@@ -92,13 +99,15 @@ class _Shard:
         self.substeps = round(period / twin.timestep)
         self.period = period
         self.batch = Batch(twin.model, len(variant), 1)
-        for name in _differing([twin.model, *(twins[index].model for index in np.unique(variant))]):
-            self.batch.expand(name)[:] = np.stack([getattr(twins[index].model, name) for index in variant])
-        self.batch.state[:] = np.stack([states[index] for index in variant])
+        present = np.unique(variant)
+        for name, values in differing.items():
+            if (values[present] != values[0]).any():
+                self.batch.expand(name)[:] = values[variant]
+        self.batch.state[:] = states[variant]
         self.loss = self.batch.expand("dof_frictionloss")
-        self.friction = np.stack([twins[index].servos.friction() for index in variant])
-        self.arrival_step = np.array([round(twins[index].line_delay / twin.timestep) for index in variant])
-        self.foot_gain = np.array([twins[index].foot_gain for index in variant])
+        self.friction = np.stack([each.servos.friction() for each in twins])[variant]
+        self.arrival_step = np.array([round(each.line_delay / twin.timestep) for each in twins])[variant]
+        self.foot_gain = np.array([each.foot_gain for each in twins])[variant]
         bind = self.batch.bind
         self.qpos, self.qvel, self.ctrl = bind("qpos"), bind("qvel"), bind("ctrl")
         self.motor, self.bias, self.sensors = bind("qfrc_actuator"), bind("qfrc_bias"), bind("sensordata")
@@ -106,13 +115,21 @@ class _Shard:
         self.steps = 0
 
     def run(
-        self, programs: ProgramSet, program: NDArray[np.int64], goal: NDArray[np.float64], duration: float
+        self,
+        programs: ProgramSet,
+        program: NDArray[np.int64],
+        goal: NDArray[np.float64],
+        goal_time: NDArray[np.float64],
+        duration: float,
+        poses: Sequence[KeyPose],
+        trace: Trace | None,
     ) -> Outcome:
-        """Run every lane for a duration [s]."""
+        """Run every lane for a duration [s]; the outcome leaves the trace to the caller, whose it is."""
         twin, lamp, lanes = self.twin, self.twin.lamp, len(self.variant)
         joints = len(lamp.joints)
         judge = Judge(twin, goal, duration)
         judge.begin(self.qpos[:, 0])
+        key = PoseErrors(poses, lanes, twin.timestep)
         limits = SignalLimits(self.period, lamp.contact_on, lamp.contact_off)
         signals = Signals(lanes, joints, limits, programs.terminals)
         sees_base = bool(set(programs.terminals) & set(TWIN_ONLY))
@@ -127,33 +144,39 @@ class _Shard:
         line = np.zeros((1 + math.ceil(self.arrival_step.max() / self.substeps), lanes, joints))
         head, axis = self.site[:, twin.head_site, 2], self.site_axes[:, twin.head_site, 8]
         force = self.sensors[:, twin.foot_sensor]
-        for _ in range(round(duration / self.period)):
+        pole = None if twin.pole_sensor is None else self.sensors[:, twin.pole_sensor]
+        steps = 0
+        for tick in range(round(duration / self.period)):
             base = None
             if sees_base:
                 base = np.column_stack([self.qpos[:, :3], self.qvel[:, :3], judge.goal_met])
                 base[:, 0] -= goal
-            inputs = signals.update(
-                measure_angle(self.qpos[:, twin.qpos]), measure_force(force, self.foot_gain), goal, base
-            )
+            angle, pressed = measure_angle(self.qpos[:, twin.qpos]), measure_force(force, self.foot_gain)
+            inputs = signals.update(angle, pressed, goal, base, goal_time=goal_time)
             line[1:] = line[:-1].copy()
             line[0] = envelope.apply(programs.run(program, inputs, wanted))
             interventions[alive] = (envelope.not_finite + envelope.limited + envelope.slewed)[alive]
+            if trace is not None:
+                trace.record(alive, inputs, line[0])
             for substep in range(self.substeps):
+                if key.at(steps):
+                    key.compare(steps, self.qpos[:, twin.qpos])
                 if substep <= (self.arrival_step % self.substeps).max():
                     late = np.maximum(-((substep - self.arrival_step) // self.substeps), 0)
                     self.ctrl[:] = line[late, every]
                 friction_loss(self.friction, twin.dof, self.motor, self.bias, self.qvel, self.loss)
                 self.batch.step(alive, 1)
+                steps += 1
                 self.steps += len(alive)
-                judge.step(alive, self.qpos, force, head, axis)
+                judge.step(alive, self.qpos, force, head, axis, pole)
             # A diverged lane is silently reset to the standing start; only its warning counters tell.
             unstable |= (self.batch.warning[:, :, 1] > warned).any(axis=1)
-            lost = unstable & np.isnan(judge.fall_time)
-            judge.fall_time[lost] = signals.values[lost, 0] if "t" in signals.terminals else 0.0
+            judge.fall_time[unstable & np.isnan(judge.fall_time)] = tick * self.period
             alive = np.flatnonzero(np.isnan(judge.fall_time))
             if not len(alive):
                 break
-        return judge.outcome(self.qpos[:, twin.qpos].copy(), unstable, interventions)
+        angles = self.qpos[:, twin.qpos].copy()
+        return judge.outcome(angles, unstable, interventions, key.finish(angles), goal_time)
 
 
 class Fleet:
@@ -163,6 +186,9 @@ class Fleet:
         twins: The lamps (variants of one model); their MuJoCo models differ in numbers only.
         period: Control period [s], a whole number of physics steps.
         workers: Threads; None: one for each core.
+
+    Attributes:
+        steps: Physics steps taken so far, of all lanes together.
 
     Raises:
         RobolampError: The period is not a whole number of physics steps.
@@ -174,19 +200,32 @@ class Fleet:
             raise RobolampError(
                 f"{period:g} s is not a whole number of physics steps of {timestep:g} s", "control_period"
             )
+        if len({twin.pole_sensor for twin in twins}) > 1:
+            raise ValueError("some lamps have a pole, some none")
         self.twins = list(twins)
         self.period = period
         self.workers = workers or len(os.sched_getaffinity(0))
         self.steps = 0
-        self._states = [settle(twin) for twin in self.twins]
+        self._states = np.stack([settle(twin) for twin in self.twins])
+        self._differing = _differing([twin.model for twin in self.twins])
 
-    def run(self, programs: Sequence[Program], jobs: Sequence[Job], duration: float) -> Outcome:
+    def run(
+        self,
+        programs: Sequence[Program],
+        jobs: Sequence[Job],
+        duration: float,
+        *,
+        poses: Sequence[KeyPose] = (),
+        record: bool = False,
+    ) -> Outcome:
         """Run every job to its end and judge it.
 
         Args:
-            programs: The controllers.
+            programs: The controllers, all over the same terminals.
             jobs: The lanes.
             duration: Length of each run [s].
+            poses: Poses that every lane is compared with; a lane that ended before one is judged on its last angles.
+            record: Keep what the controllers saw and sent: `Outcome.trace`, 8 bytes a number.
 
         Returns:
             The outcomes, in the order of the jobs.
@@ -197,11 +236,19 @@ class Fleet:
         program = np.array([job.program for job in jobs], np.int64)
         variant = np.array([job.variant for job in jobs], np.int64)
         goal = np.array([job.goal for job in jobs], np.float64)
-        shares = [share for share in np.array_split(np.arange(len(jobs)), self.workers) if len(share)]
+        goal_time = np.array([job.goal_time for job in jobs], np.float64)
+        trace = None
+        if record:
+            ticks, joints = round(duration / self.period), len(self.twins[0].lamp.joints)
+            trace = Trace.blank(len(jobs), ticks, len(compiled.terminals), joints)
+        bounds = np.linspace(0, len(jobs), min(self.workers, len(jobs)) + 1).round().astype(int)
+        shares = [slice(low, high) for low, high in itertools.pairwise(bounds)]
 
-        def work(share: NDArray[np.int64]) -> tuple[Outcome, int]:
-            shard = _Shard(self.twins, self._states, variant[share], self.period)
-            return shard.run(compiled, program[share], goal[share], duration), shard.steps
+        def work(share: slice) -> tuple[Outcome, int]:
+            shard = _Shard(self.twins, self._states, self._differing, variant[share], self.period)
+            own = None if trace is None else trace.take(share)  # a view: each worker writes its part
+            outcome = shard.run(compiled, program[share], goal[share], goal_time[share], duration, poses, own)
+            return outcome, shard.steps
 
         if len(shares) == 1:
             results = [work(shares[0])]
@@ -209,7 +256,4 @@ class Fleet:
             with ThreadPoolExecutor(len(shares)) as pool:
                 results = list(pool.map(work, shares))
         self.steps += sum(steps for _, steps in results)
-        outcomes = [outcome for outcome, _ in results]
-        return Outcome(
-            **{field.name: np.concatenate([getattr(o, field.name) for o in outcomes]) for field in fields(Outcome)}
-        )
+        return replace(Outcome.join([outcome for outcome, _ in results]), trace=trace)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from robolamp.twin.model import TwinModel
+from robolamp.twin.trace import Trace
 
 HOP_AIR_TIME = 0.04
 """Shortest time off the floor that may be a hop [s]."""
@@ -53,11 +55,13 @@ _COLUMNS = 16
 def _judge(
     state: NDArray[np.float64],
     fallen: NDArray[np.float64],
+    touched: NDArray[np.bool_],
     lanes: NDArray[np.int64],
     qpos: NDArray[np.float64],
     force: NDArray[np.float64],
     head: NDArray[np.float64],
     axis: NDArray[np.float64],
+    pole: NDArray[np.float64],
     goal: NDArray[np.float64],
     sizes: tuple[float, float, float],
     time: float,
@@ -104,6 +108,8 @@ def _judge(
             s[_REST] = max(s[_REST], abs(x - s[_REST_X]))
         upright = min(max(axis[lane], -1.0), 1.0)
         lowest = head[lane] - head_radius * math.sqrt(1.0 - upright * upright) - head_half * abs(upright)
+        if pole[lane] > 0.0:
+            touched[lane] = True
         if math.isnan(fallen[lane]) and (tilt > FALLEN_TILT or lowest < FALLEN_HEAD or not math.isfinite(x + z)):
             fallen[lane] = time
 
@@ -114,6 +120,8 @@ class Outcome:
 
     Attributes:
         goal: Where it was sent [m].
+        goal_time: Time it was told to take for the way [s]; 0 where it was not told.
+        duration: Time limit of the run [s].
         x: Base centre at the end [m].
         nearest: Smallest distance from the goal on the way [m].
         travel: Path length of the base centre along x [m].
@@ -127,11 +135,16 @@ class Outcome:
         max_tilt: Largest tilt [rad].
         angles: Joint angles at the end, shape (lanes, n) [rad].
         motion: How far the base moved in the last half second [m].
+        pole: It touched the pole.
+        pose_error: Mean over the key poses of the mean |joint angle - wanted| [rad]; 0 without key poses.
         unstable: The simulation diverged; also counted as fallen.
         interventions: What the envelope changed.
+        trace: What the controllers saw and sent, where that was recorded.
     """
 
     goal: NDArray[np.float64]
+    goal_time: NDArray[np.float64]
+    duration: NDArray[np.float64]
     x: NDArray[np.float64]
     nearest: NDArray[np.float64]
     travel: NDArray[np.float64]
@@ -145,8 +158,21 @@ class Outcome:
     max_tilt: NDArray[np.float64]
     angles: NDArray[np.float64]
     motion: NDArray[np.float64]
+    pole: NDArray[np.bool_]
+    pose_error: NDArray[np.float64]
     unstable: NDArray[np.bool_]
     interventions: NDArray[np.int64]
+    trace: Trace | None = None
+
+    @classmethod
+    def join(cls, outcomes: Sequence[Outcome]) -> Outcome:
+        """Return the lanes of all outcomes, one after the other; their traces, too, if all have one."""
+        names = [item.name for item in fields(cls) if item.name != "trace"]
+        traces = [outcome.trace for outcome in outcomes if outcome.trace is not None]
+        return cls(
+            **{name: np.concatenate([getattr(outcome, name) for outcome in outcomes]) for name in names},
+            trace=Trace.join(traces) if len(traces) == len(outcomes) else None,
+        )
 
     @property
     def fallen(self) -> NDArray[np.bool_]:
@@ -164,10 +190,14 @@ class Outcome:
         return np.where(self.travel < 0.01, np.nan, self.flight / np.maximum(self.travel, 0.01))
 
     @property
+    def upright(self) -> NDArray[np.bool_]:
+        """Stands within 15 degrees of flat at the end, and has not fallen."""
+        return (self.tilt <= HOP_LANDING_TILT) & ~self.fallen
+
+    @property
     def hit(self) -> NDArray[np.bool_]:
         """At rest within 1.5 cm of the goal, upright, at the end."""
-        rests = (self.motion <= REST_MOTION) & (self.tilt <= HOP_LANDING_TILT)
-        return (np.abs(self.error) <= GOAL_RADIUS) & rests & ~self.fallen
+        return (np.abs(self.error) <= GOAL_RADIUS) & (self.motion <= REST_MOTION) & self.upright
 
     @property
     def hit_1997(self) -> NDArray[np.bool_]:
@@ -194,6 +224,8 @@ class Judge:
         self._state[:, [_ARRIVAL, _REST_X]] = np.nan
         self._state[:, _NEAREST] = np.inf
         self.fall_time = np.full(len(goal), np.nan)
+        self._touched = np.zeros(len(goal), bool)
+        self._no_pole = np.zeros(len(goal))
 
     def begin(self, x: NDArray[np.float64]) -> None:
         """Take the base's position at the start, shape (lanes,) [m]."""
@@ -206,6 +238,7 @@ class Judge:
         force: NDArray[np.float64],
         head: NDArray[np.float64],
         axis: NDArray[np.float64],
+        pole: NDArray[np.float64] | None = None,
     ) -> None:
         """Take one physics step of some lanes.
 
@@ -215,12 +248,13 @@ class Judge:
             force: True floor force on the foot, shape (lanes,) [N].
             head: Height of the head's centre, shape (lanes,) [m].
             axis: Vertical part of the head's axis, shape (lanes,).
+            pole: Force on the pole, shape (lanes,) [N]; None without a pole.
         """
         self._time += self._timestep
         resting = self._time > self._duration - REST_WINDOW
         _judge(
-            self._state, self.fall_time, lanes, qpos, force, head, axis, self._goal, self._sizes,
-            self._time, self._timestep, resting,
+            self._state, self.fall_time, self._touched, lanes, qpos, force, head, axis,
+            self._no_pole if pole is None else pole, self._goal, self._sizes, self._time, self._timestep, resting,
         )  # fmt: skip
 
     @property
@@ -244,7 +278,12 @@ class Judge:
         return self._state[:, _HOPS]
 
     def outcome(
-        self, angles: NDArray[np.float64], unstable: NDArray[np.bool_], interventions: NDArray[np.int64]
+        self,
+        angles: NDArray[np.float64],
+        unstable: NDArray[np.bool_],
+        interventions: NDArray[np.int64],
+        pose_error: NDArray[np.float64] | None = None,
+        goal_time: NDArray[np.float64] | None = None,
     ) -> Outcome:
         """Return the verdicts.
 
@@ -252,10 +291,15 @@ class Judge:
             angles: Joint angles at the end, shape (lanes, n) [rad].
             unstable: Lanes whose simulation diverged, shape (lanes,).
             interventions: Of the envelope, shape (lanes,).
+            pose_error: See `Outcome`, shape (lanes,) [rad]; None: there were no key poses.
+            goal_time: See `Outcome`, shape (lanes,) [s]; None: it was not told.
         """
         s = self._state
+        nothing = np.zeros(len(self._goal))
         return Outcome(
             goal=self._goal,
+            goal_time=nothing if goal_time is None else goal_time,
+            duration=np.full(len(self._goal), self._duration),
             x=s[:, _X].copy(),
             nearest=s[:, _NEAREST].copy(),
             travel=s[:, _TRAVEL].copy(),
@@ -269,6 +313,8 @@ class Judge:
             max_tilt=s[:, _MAX_TILT].copy(),
             angles=angles,
             motion=np.where(np.isnan(s[:, _REST_X]), np.inf, s[:, _REST]),
+            pole=self._touched.copy(),
+            pose_error=nothing if pose_error is None else pose_error,
             unstable=unstable,
             interventions=interventions,
         )

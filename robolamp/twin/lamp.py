@@ -54,6 +54,8 @@ class TwinLamp:
         self._arrivals: deque[tuple[int, NDArray[np.float64]]] = deque()
         self._torque = False
         self._one = np.zeros(1, np.int64)
+        sensor = twin.pole_sensor
+        self._pole = None if sensor is None else self.body.data.sensordata[sensor : sensor + 1]  # a view
         self._judging = (np.array([goal]), duration)
         self.start_judging()
 
@@ -93,7 +95,7 @@ class TwinLamp:
             data, site = self.body.data, self.twin.head_site
             self._judge.step(
                 self._one, data.qpos[None], np.array([self.body.force]),
-                data.site_xpos[site, 2:3], data.site_xmat[site, 8:9],
+                data.site_xpos[site, 2:3], data.site_xmat[site, 8:9], self._pole,
             )  # fmt: skip
 
     def observe(self) -> Observation:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from dataclasses import dataclass, replace
 
@@ -40,6 +41,27 @@ class Bend:
 
 
 @dataclass(frozen=True)
+class Pole:
+    """A horizontal pole across the lamp's way, to get under (limbo) or over.
+
+    Attributes:
+        height: Of its lower edge above the floor [m].
+        x: Distance ahead of where the lamp starts [m].
+    """
+
+    height: float
+    x: float
+
+
+POLE_RADIUS = 0.004
+"""Of the bar [m]."""
+_POLE_HALF_LENGTH = 0.16  # wider than the lamp can sidestep [m]
+_POST_RADIUS = 0.002
+_POST_HALF_LENGTH = 0.5  # down through the floor, which hides the rest: poles differ by where they are alone [m]
+_SITE_MARGIN = 0.010  # the touch sensor's volume reaches further than contacts sink in [m]
+
+
+@dataclass(frozen=True)
 class TwinModel:
     """A compiled lamp and where its parts are.
 
@@ -57,6 +79,7 @@ class TwinModel:
         foot_radius: Radius of the round foot [m].
         head_site: Site in the middle of the head.
         head_size: Radius and half length of the head's collision cylinder [m].
+        pole_sensor: Address of the pole's touch sensor in `sensordata`; None without a pole.
     """
 
     lamp: Lamp
@@ -72,6 +95,7 @@ class TwinModel:
     foot_radius: float
     head_site: int
     head_size: tuple[float, float]
+    pole_sensor: int | None = None
 
     @property
     def timestep(self) -> float:
@@ -97,6 +121,30 @@ def _bent(servos: ServoParameters, bend: Bend) -> ServoParameters:
     )
 
 
+def _raise_pole(spec: mujoco.MjSpec, pole: Pole) -> None:
+    """Put a pole into a scene: a bar that every part of the lamp meets as it meets the floor, and two posts to see."""
+    floor, length = spec.geom("floor"), _POLE_HALF_LENGTH
+    body = spec.worldbody.add_body(name="pole", pos=[pole.x, 0.0, pole.height + POLE_RADIUS])
+    body.explicitinertial, body.mass, body.ipos = True, 0.0, [0.0, 0.0, 0.0]  # it never moves
+    lying = [np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0]  # along y
+    capsule = mujoco.mjtGeom.mjGEOM_CAPSULE
+    body.add_geom(
+        name="pole", type=capsule, size=[POLE_RADIUS, length, 0.0], quat=lying, rgba=[0.85, 0.25, 0.20, 1.0],
+        contype=floor.contype, conaffinity=floor.conaffinity, condim=floor.condim, friction=floor.friction,
+        solref=floor.solref,
+    )  # fmt: skip
+    for side in (-1.0, 1.0):
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[_POST_RADIUS, _POST_HALF_LENGTH, 0.0],
+            pos=[0.0, side * length, -_POST_HALF_LENGTH],
+            rgba=[0.35, 0.36, 0.38, 1.0], group=2, contype=0, conaffinity=0,
+        )  # fmt: skip
+    body.add_site(
+        name="pole", type=capsule, size=[POLE_RADIUS + _SITE_MARGIN, length + _SITE_MARGIN, 0.0], quat=lying, group=4
+    )
+    spec.add_sensor(name="pole", type=mujoco.mjtSensor.mjSENS_TOUCH, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="pole")
+
+
 def build(
     lamp: Lamp,
     calibration: Calibration,
@@ -105,6 +153,7 @@ def build(
     *,
     torque: bool = True,
     timestep: float | None = None,
+    pole: Pole | None = None,
 ) -> TwinModel:
     """Compile the lamp's model with a calibration's numbers.
 
@@ -115,6 +164,7 @@ def build(
         bend: How this lamp differs from the calibrated one.
         torque: False: as with the servos' torque off.
         timestep: Physics step [s]; None: the model's own.
+        pole: A pole across its way; None: a free desk.
 
     Raises:
         FileError: The model does not load, or lacks a joint, actuator, sensor or site that the lamp needs.
@@ -147,6 +197,8 @@ def build(
     ):
         if found is None:
             raise FileError(f"no {kind} named {name!r}, which a lamp's model needs", str(path))
+    if pole is not None:
+        _raise_pole(spec, pole)
     friction = calibration.lamp("floor_friction") * bend.floor
     for geom in spec.geoms:
         if geom.name in ("floor", "foot"):
@@ -170,4 +222,12 @@ def build(
         foot_radius=float(model.geom("foot").size[0]),
         head_site=int(model.site("head").id),
         head_size=(float(model.geom("head").size[0]), float(model.geom("head").size[1])),
+        pole_sensor=None if pole is None else int(model.sensor("pole").adr[0]),
     )
+
+
+def fingerprint(twin: TwinModel) -> str:
+    """Return the SHA-256 of a compiled model: of everything its physics depends on."""
+    buffer = np.empty(mujoco.mj_sizeModel(twin.model), np.uint8)
+    mujoco.mj_saveModel(twin.model, None, buffer)
+    return hashlib.sha256(buffer.tobytes()).hexdigest()

@@ -17,6 +17,7 @@ Picture = NDArray[np.uint8]
 """An RGB picture, shape (height, width, 3)."""
 
 _INK, _PAPER, _DESK = (40, 42, 46), (244, 245, 247), (214, 204, 190)
+_POLE, _POST = (217, 64, 51), (89, 92, 97)
 _SUPERSAMPLE = 3  # the side view is drawn larger and shrunk, which smooths its edges
 
 
@@ -142,6 +143,11 @@ def side_view(twin: TwinModel, qpos: NDArray[np.float64], width: int, height: in
         x, y = pixel(np.array([at, 0.0, 0.0]))
         draw.line((x, y, x, y + 0.012 * scale), fill=(150, 138, 122), width=_SUPERSAMPLE)
     joints = [data.xanchor[model.joint(name).id] for name in twin.lamp.names]
+    if twin.pole_sensor is not None:
+        bar = data.geom("pole")
+        top, radius = pixel(bar.xpos), model.geom("pole").size[0] * scale
+        draw.line([top, pixel(bar.xpos * [1.0, 1.0, 0.0])], fill=_POST, width=_SUPERSAMPLE)
+        draw.ellipse((top[0] - radius, top[1] - radius, top[0] + radius, top[1] + radius), fill=_POLE)
     draw.line([pixel(point) for point in joints], fill=_INK, width=round(0.010 * scale), joint="curve")
     foot = model.geom("foot")
     axes = data.geom_xmat[foot.id].reshape(3, 3)

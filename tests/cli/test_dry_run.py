@@ -181,3 +181,16 @@ def test_a_malformed_expression_is_pointed_at(tmp_path: Path) -> None:
     done = robolamp("score", "bad.toml", cwd=tmp_path)
     assert done.returncode == 2
     assert "bad.toml: joints.ankle: found ')' at line 1, column 6; expected 2 arguments of +, not 1" in done.stderr
+
+
+def test_a_time_to_take_reaches_the_controller_and_the_log(tmp_path: Path) -> None:
+    joints = '[joints]\nankle = "(* 0.1 goal_time)"\nknee = "0"\nneck = "0"\n'
+    (tmp_path / "c.toml").write_text(f'schema = 1\nname = "c"\n{joints}')
+    words = ("--goal", "0.1", "--duration", "0.5", "--reality", "none", "-o", "run", "--json")
+    done = robolamp("dry-run", "c.toml", "--goal-time", "1.5", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    run = read_run(tmp_path / "run" / "log.mcap")
+    assert run.context["goal_time_s"] == "1.5"
+    seen = run.inputs[run.phase == "run", run.terminals.index("goal_time")]
+    assert (seen == 1.5).all()
+    assert run.goal[run.phase == "run"][:, 0] == pytest.approx(0.15)

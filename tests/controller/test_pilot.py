@@ -57,3 +57,14 @@ def test_a_reset_begins_anew_from_what_the_joints_hold() -> None:
 def test_a_signal_that_the_lamp_has_not_is_refused_by_name() -> None:
     with pytest.raises(ExpressionError, match=r"joints\.knee: needs px vz, which this lamp cannot supply"):
         Pilot(controller("t", "(+ px (* vz a0))", "0"), LAMP, 0.3)
+
+
+def test_the_time_to_take_is_a_signal_where_it_is_commanded() -> None:
+    reads = controller("(* 0.1 goal_time)", "0", "0")
+    pilot = Pilot(reads, LAMP, 0.3, goal_time=2.5)
+    step = pilot.step(seen(), 0.0)
+    assert dict(zip(pilot.terminals, step.inputs, strict=True))["goal_time"] == 2.5
+    assert step.outputs[0] == pytest.approx(0.25)
+    assert "goal_time" not in Pilot(controller("t", "0", "0"), LAMP, 0.3).terminals
+    with pytest.raises(ExpressionError, match=r"joints\.ankle: reads goal_time, .*--goal-time SECONDS"):
+        Pilot(reads, LAMP, 0.3)

@@ -20,9 +20,11 @@ def many(programs: list[Program], program: list[int], inputs: np.ndarray) -> np.
     return ProgramSet(programs).run(np.array(program), inputs, outputs)
 
 
-@given(st.lists(expressions, min_size=1, max_size=3), st.lists(signal, min_size=20, max_size=20))
+@given(
+    st.lists(expressions, min_size=1, max_size=3), st.lists(signal, min_size=len(TERMINALS), max_size=len(TERMINALS))
+)
 def test_both_interpreters_and_a_recursive_evaluation_agree_to_the_bit(
-    parts: list[Expression], values: list[float]
+    parts: list[Expression], values: tuple[float, ...]
 ) -> None:
     program = compile_program(parts, TERMINALS)
     named = dict(zip(TERMINALS, values, strict=True))

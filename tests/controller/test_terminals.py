@@ -27,7 +27,7 @@ def test_the_names() -> None:
     assert NAMES == (
         "t", "a0", "a1", "a2", "w0", "w1", "w2", "s0", "contact", "air_time", "ground_time", "hops", "goal_dist",
     )  # fmt: skip
-    assert all_terminals(3) == (*NAMES, "px", "py", "pz", "vx", "vy", "vz", "goal_met")
+    assert all_terminals(3) == (*NAMES, "goal_time", "px", "py", "pz", "vx", "vy", "vz", "goal_met")
 
 
 def test_contact_has_hysteresis() -> None:
@@ -67,6 +67,14 @@ def test_a_missing_measurement_keeps_its_last_value() -> None:
     assert row == pytest.approx([0.3, 0.2, 0.0, 2.0, 1.0])
     row = signals.update(np.array([[0.3, 0.24]]), np.array([0.0]), GOAL)[0]
     assert row == pytest.approx([0.3, 0.24, 2.0, 0.0, 0.0])
+
+
+def test_the_time_to_take_is_as_commanded() -> None:
+    signals = Signals(2, 3, LIMITS, ["goal_time", "goal_dist"])
+    angle, force, goal = np.zeros((2, 3)), np.ones(2), np.array([0.1, 0.2])
+    assert signals.update(angle, force, goal).tolist() == [[0, 0.1], [0, 0.2]]
+    assert signals.update(angle, force, goal, goal_time=1.5)[:, 0].tolist() == [1.5, 1.5]
+    assert signals.update(angle, force, goal, goal_time=np.array([2.0, 3.0]))[:, 0].tolist() == [2.0, 3.0]
 
 
 def test_what_only_the_twin_knows_is_passed_through() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 
 from robolamp.assets import Assets
@@ -10,6 +12,7 @@ from robolamp.controller.expression import parse
 from robolamp.controller.program import Program, compile_program
 from robolamp.controller.terminals import all_terminals
 from robolamp.lamp import load_lamp
+from robolamp.twin.judge import Outcome
 from robolamp.twin.model import Bend, TwinModel, build
 
 ASSETS = Assets()
@@ -29,6 +32,7 @@ SWAY = (
     "(+ (* 0.02 w0) (- goal_dist ground_time))",
 )
 STAND = ("0", "0", "0")
+FALL = ("0.6", "-1", "0")
 
 
 def program(*texts: str) -> Program:
@@ -37,3 +41,13 @@ def program(*texts: str) -> Program:
 
 def bent(bend: Bend) -> TwinModel:
     return build(LAMP, CALIBRATION, ASSETS, bend)
+
+
+def rows(outcome: Outcome) -> np.ndarray:
+    """Everything of an outcome but its trace, a row a lane, as bits."""
+    columns = [
+        np.asarray(getattr(outcome, item.name), float).reshape(len(outcome.goal), -1)
+        for item in fields(outcome)
+        if item.name != "trace"
+    ]
+    return np.concatenate(columns, axis=1).view(np.int64)

@@ -9,6 +9,7 @@ import pytest
 from robolamp.controller.expression import parse
 from robolamp.controller.file import Controller, load_controller
 from robolamp.controller.pilot import Pilot
+from robolamp.controller.program import compile_program
 from robolamp.errors import RobolampError
 from robolamp.signals import Command
 from robolamp.twin.fleet import SETTLE_TIME, Fleet, Job
@@ -17,21 +18,12 @@ from robolamp.twin.lamp import TwinLamp
 from robolamp.twin.model import Bend, TwinModel
 from robolamp.twin.spread import load_spread
 
-from .parts import ASSETS, HEAVY, LAMP, PERIOD, STAND, SWAY, TERMINALS, TWIN, N, bent, program
+from .parts import ASSETS, FALL, HEAVY, LAMP, PERIOD, STAND, SWAY, TERMINALS, TWIN, N, bent, program, rows
 
 SEES_ALL = ("(* 0.3 (- px vx))", "(+ vz (* 0.4 goal_met))", "(- pz (* 0.1 py))")
 HOP = load_controller(ASSETS.path("sim/lamp/controllers/hop.toml"), LAMP).compile(TERMINALS)
-FALL = ("0.6", "-1", "0")
 PROGRAMS = [program(*SWAY), program(*SEES_ALL), HOP, program(*FALL)]
 JOBS = [Job(index, lamp, goal) for index in range(4) for lamp in (0, 1) for goal in (0.01, 0.25, 0.4)]
-
-
-def rows(outcome: Outcome) -> np.ndarray:
-    """Everything of an outcome, a row a lane, as bits."""
-    columns = [
-        np.asarray(getattr(outcome, item.name), float).reshape(len(outcome.goal), -1) for item in fields(outcome)
-    ]
-    return np.concatenate(columns, axis=1).view(np.int64)
 
 
 @pytest.fixture(scope="module")
@@ -90,9 +82,18 @@ def test_a_lane_is_a_lamp_driven_tick_by_tick(line_delay: float, texts: tuple[st
     for lane, (twin, goal) in enumerate(zip(twins, (0.3, 0.2), strict=True)):
         alone = driven(twin, texts, goal, 1.0)
         for item in fields(Outcome):
-            if item.name != "interventions":
+            if item.name not in ("interventions", "trace"):
                 found, expected = getattr(lanes, item.name)[lane], getattr(alone, item.name)[0]
                 np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9, err_msg=item.name)
+
+
+def test_each_lane_has_its_own_time_to_take() -> None:
+    texts = ("(* 0.1 goal_time)", "0", "0")
+    jobs = [Job(0, 0, 0.3, 1.0), Job(0, 0, 0.3, 2.0), Job(0, 0, 0.3)]
+    outcome = Fleet([TWIN], PERIOD, 2).run([program(*texts)], jobs, 0.5)
+    assert outcome.goal_time.tolist() == [1.0, 2.0, 0.0]
+    assert outcome.angles[:, 0] == pytest.approx([0.1, 0.2, 0.0], abs=0.1)  # it gives under its weight
+    assert np.diff(outcome.angles[[2, 0, 1], 0]) == pytest.approx([0.1, 0.1], abs=0.04)
 
 
 INFINITE = "(* 1e300 1e300)"
@@ -109,6 +110,18 @@ def test_a_controller_that_gives_nonsense_is_survived_and_scored(bad: str) -> No
     assert outcome.interventions[0] >= 20
     assert outcome.interventions[1] == 0
     assert (rows(outcome)[1] == rows(fleet.run([program(*STAND)], jobs[:1], 1.0))[0]).all()
+
+
+def test_the_time_of_a_divergence_is_known_to_controllers_without_a_clock() -> None:
+    wild, terminals = bent(Bend(strength=1e9)), ("a0", "goal_dist")
+    swing = compile_program([parse("(- 0.2 a0)", TERMINALS)] * N, terminals)
+    late = compile_program([parse("(ifltz (- t 0.3) 0 (- 0.2 a0))", TERMINALS)] * N, TERMINALS)
+    early = Fleet([wild], PERIOD, 1).run([swing], [Job(0, 0, 0.3)], 1.0)
+    told = Fleet([wild], PERIOD, 1).run([late], [Job(0, 0, 0.3)], 1.0)
+    assert (early.unstable, told.unstable) == (True, True)
+    assert early.fall_time == pytest.approx(0.0, abs=0.1)
+    with_clock = compile_program([parse("(- 0.2 a0)", TERMINALS)] * N, TERMINALS)
+    assert (rows(early) == rows(Fleet([wild], PERIOD, 1).run([with_clock], [Job(0, 0, 0.3)], 1.0))).all()
 
 
 def test_a_simulation_that_diverges_is_a_flagged_fall_and_harms_no_neighbour() -> None:
