@@ -1,0 +1,172 @@
+"""`robolamp explain`: a controller's expressions, simplified, and which of their branches its runs take."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from cyclopts import Parameter
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.text import Text
+
+from robolamp.cli.options import DURATION, GOAL_TIME, Setup, goal_range
+from robolamp.cli.output import counted, print_json
+from robolamp.controller.branches import count_branches
+from robolamp.controller.expression import Expression, subtree_end
+from robolamp.controller.file import Controller, check_goal_time
+from robolamp.controller.layout import lay_out
+from robolamp.controller.simplify import simplify
+from robolamp.controller.terminals import all_terminals
+from robolamp.twin.fleet import Fleet, Job
+from robolamp.twin.model import build
+
+_WIDTH = 100
+_GUTTER = 10  # columns for the share of ticks, left of an expression
+
+
+def explain(
+    controller: str,
+    /,
+    *,
+    goals: str = "0.05:0.60:12",
+    duration: Annotated[float, DURATION] = 5.0,
+    goal_time: Annotated[float | None, GOAL_TIME] = None,
+    calibration: str = "nominal",
+    lamp: Path | None = None,
+    as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> int:
+    """Show what a controller does: its expressions, simplified, the signals they read, the branches they take.
+
+    Parameters
+    ----------
+    controller
+        A controller file, or the name of a shipped one (hop).
+    goals
+        What it is run to on the twin, to count its branches: one goal, or LOW:HIGH:COUNT, in metres.
+    duration
+        Length of each run in seconds.
+    goal_time
+        Time to take for the way in seconds, for a controller that reads goal_time.
+    calibration
+        The twin's numbers: a file, or a name in calibration/.
+    lamp
+        A folder of your own lamp, laid out like robolamp's (sim/, hardware/, calibration/).
+    as_json
+        Print one JSON object: a joint's evolved and simplified expression, nodes, signals, and branches with the
+        shares of ticks at which they were reached and went either way.
+    """
+    setup = Setup.of(lamp, calibration)
+    loaded = setup.controller(controller)
+    check_goal_time(loaded, goal_time)
+    distances = goal_range(goals, "--goals")
+    terminals = all_terminals(len(setup.lamp.joints))
+    fleet = Fleet([build(setup.lamp, setup.calibration, setup.assets)], loaded.control_period)
+    jobs = [Job(0, 0, float(goal), goal_time or 0.0) for goal in distances]
+    trace = fleet.run([loaded.compile(terminals)], jobs, duration, record=True).trace
+    assert trace is not None  # it was asked for
+    inputs = trace.inputs[np.arange(trace.inputs.shape[1]) < trace.ticks[:, None]]
+    if as_json:
+        joints = [
+            _described(name, expression, terminals, inputs)
+            for name, expression in zip(loaded.joints, loaded.expressions, strict=True)
+        ]
+        print_json({"controller": loaded.name, "goals_m": distances, "ticks": len(inputs), "joints": joints})
+        return 0
+    _print(loaded, terminals, distances, inputs, duration)
+    return 0
+
+
+def _described(
+    name: str, expression: Expression, terminals: tuple[str, ...], inputs: NDArray[np.float64]
+) -> dict[str, Any]:
+    simple = simplify(expression)
+    return {
+        "joint": name,
+        "evolved": str(expression),
+        "simplified": str(simple),
+        "nodes": len(expression.tokens),
+        "nodes_simplified": len(simple.tokens),
+        "signals": _signals(simple, terminals),
+        "signals_idle": _signals(expression, terminals, without=simple),
+        "branches": _branches(expression, terminals, inputs),
+        "branches_simplified": _branches(simple, terminals, inputs),
+    }
+
+
+def _signals(expression: Expression, terminals: tuple[str, ...], without: Expression | None = None) -> list[str]:
+    """Return what an expression reads and another does not, in the order of the terminals."""
+    read = expression.terminals - (without.terminals if without else frozenset())
+    return [name for name in terminals if name in read]
+
+
+def _branches(
+    expression: Expression, terminals: tuple[str, ...], inputs: NDArray[np.float64]
+) -> list[dict[str, str | float]]:
+    ticks, tokens, found = max(len(inputs), 1), expression.tokens, []
+    for branch in count_branches(expression, terminals, inputs):
+        start = branch.index + 1
+        found.append(
+            {
+                "condition": str(Expression(tokens[start : subtree_end(tokens, start)])),
+                "reached_share": (branch.negative + branch.otherwise) / ticks,
+                "negative_share": branch.negative / ticks,
+                "otherwise_share": branch.otherwise / ticks,
+            }
+        )
+    return found
+
+
+def _print(
+    controller: Controller,
+    terminals: tuple[str, ...],
+    goals: NDArray[np.float64],
+    inputs: NDArray[np.float64],
+    duration: float,
+) -> None:
+    console = Console(highlight=False, soft_wrap=True)
+    reach = f"{goals[0] * 100:g} cm" if len(goals) == 1 else f"{goals[0] * 100:g} to {goals[-1] * 100:g} cm"
+    console.print(Text(controller.name, "italic"), end="")
+    console.print(
+        f": goal angles in rad. Left of each branch: at which share of {counted(len(inputs), 'tick')} it was taken,"
+        f"\nin {counted(len(goals), 'run')} on the twin, {reach}, {duration:g} s each."
+        " (ifltz c a b) is a where c is below 0, else b."
+    )
+    for name, expression in zip(controller.joints, controller.expressions, strict=True):
+        simple = simplify(expression)
+        before, after = len(expression.tokens), len(simple.tokens)
+        console.print()
+        console.print(Text(name, "bold"), end="")
+        console.print(f": reads {', '.join(_signals(simple, terminals)) or 'nothing'}", end="")
+        idle = _signals(expression, terminals, without=simple)
+        console.print(f"; {', '.join(idle)} changes nothing" if idle else "")
+        evolved = _annotated(expression, terminals, inputs)
+        if before == after:  # at most an order or a threshold differs
+            console.print(Text(f"  {counted(before, 'node')}, as simple as it gets", "dim"), evolved, sep="\n")
+            continue
+        console.print(Text(f"  as evolved, {counted(before, 'node')}", "dim"), evolved, sep="\n")
+        title = Text(f"  simplified, {counted(after, 'node')}", "dim")
+        console.print(title, _annotated(simple, terminals, inputs), sep="\n")
+
+
+def _annotated(expression: Expression, terminals: tuple[str, ...], inputs: NDArray[np.float64]) -> Text:
+    """Return an expression over lines, with the share of ticks left of each branch; dead ones are marked."""
+    counts = {branch.index: branch for branch in count_branches(expression, terminals, inputs)}
+    text = Text()
+    for number, line in enumerate(lay_out(expression, _WIDTH - _GUTTER)):
+        share, style = "", ""
+        if line.begins is not None:
+            index, argument = line.begins
+            taken = counts[index].negative if argument == 1 else counts[index].otherwise
+            share, style = _share(taken, len(inputs)), "" if taken else "dim red"
+        text.append("\n" if number else "").append(f"{share:>{_GUTTER - 2}}  ", style or "cyan")
+        text.append(line.text, style)
+    return text
+
+
+def _share(taken: int, ticks: int) -> str:
+    if not taken:
+        return "never"
+    percent = 100.0 * taken / ticks
+    return f"{percent:.0f} %" if percent >= 1.0 else "< 1 %"
