@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 GOAL ?= 0.30
 
 .DEFAULT_GOAL := help
-.PHONY: help hop test test-slow lint wheel benchmarks pictures clean opengl
+.PHONY: help hop test test-slow lint wheel benchmarks pictures studies clean opengl
 
 help:  ## what the targets do
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -33,6 +33,9 @@ benchmarks: $(VENV)/developed  ## the figures of the README
 
 pictures: $(VENV)/installed opengl  ## docs/: the pictures of the README
 	$(BIN)/python docs/pictures.py
+
+studies: $(VENV)/installed  ## the convergence studies of the 1997 paper, in full: half a day; stop and start as you like
+	$(BIN)/robolamp study all -o runs/studies
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis

@@ -4,36 +4,45 @@ from __future__ import annotations
 
 import shlex
 import sys
-from dataclasses import replace
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter, validators
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from robolamp.cli.evolving import Board
 from robolamp.cli.options import Setup
 from robolamp.cli.output import print_json
 from robolamp.controller.file import check_terminals
-from robolamp.errors import FileError
-from robolamp.evolve.run import Generation, Run
+from robolamp.errors import FileError, RobolampError
+from robolamp.evolve.fitness import load_terms
+from robolamp.evolve.run import MakeEvaluator, Result, open_run
+from robolamp.evolve.run import evolve as run_evolution
 from robolamp.evolve.task import load_task
+from robolamp.twin.model import TwinModel
 
 _Count = Annotated[int | None, Parameter(validator=validators.Number(gte=1))]
+_Natural = Annotated[int | None, Parameter(validator=validators.Number(gte=0))]
 
 
 def evolve(
-    task: str,
+    task: str | None = None,
     /,
     *,
-    output: Annotated[Path, Parameter(name=["--output", "-o"])],
-    seed: Annotated[int, Parameter(validator=validators.Number(gte=0))] = 1,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    resume: Path | None = None,
+    seed: _Natural = None,
+    settings: Annotated[list[str] | None, Parameter(name="--set", negative="")] = None,
     population: _Count = None,
     generations: _Count = None,
     seed_from: str | None = None,
-    tune: Annotated[int, Parameter(validator=validators.Number(gte=0))] = 0,
+    tune: _Natural = None,
+    terms: Path | None = None,
     workers: _Count = None,
-    calibration: str = "nominal",
+    cluster: str | None = None,
+    calibration: str | None = None,
     lamp: Path | None = None,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
@@ -45,62 +54,118 @@ def evolve(
         What to evolve: a file, or the name of a shipped task (hop).
     output
         Folder of the run; must not hold one already.
+    resume
+        Instead of a task: folder of a run that was stopped, to go on with; its result is that of a run that was not.
     seed
-        Where all randomness comes from: the same seed gives the same run.
+        Where all randomness comes from (1): the same seed gives the same run.
+    settings
+        A key of the task file to change, as --set gp.selection=lexicase; may be given again.
     population
-        Individuals a generation, instead of the task's.
+        Individuals a generation; short for --set gp.population.
     generations
-        Generations, instead of the task's.
+        Generations; short for --set gp.generations.
     seed_from
         A controller (file or name) for the first generation to begin with, instead of the task's; none: from nothing.
     tune
-        Iterations of CMA-ES on the constants of the best controller, at the end.
+        Iterations of CMA-ES on the constants of the best controller, at the end (0).
+    terms
+        A Python file with fitness terms of your own that the task uses.
     workers
         Threads; without it, one a core.
+    cluster
+        Evaluate on a dask scheduler that is running already, as 10.0.0.2:8786.
     calibration
-        The twin's numbers: a file, or a name in calibration/.
+        The twin's numbers: a file, or a name in calibration/ (nominal).
     lamp
         A folder of your own lamp, laid out like robolamp's (sim/, hardware/, calibration/).
     as_json
         Print one JSON object instead of progress and prose.
     """
-    setup = Setup.of(lamp, calibration)
-    loaded = load_task(setup.assets, task)
-    gp = replace(
-        loaded.gp,
-        population=population or loaded.gp.population,
-        generations=generations or loaded.gp.generations,
-    )
-    loaded = replace(loaded, gp=gp)
-    names = loaded.seeds if seed_from is None else () if seed_from == "none" else (seed_from,)
-    seeds = [setup.controller(name) for name in names][: gp.population]
-    for name, seeded in zip(names, seeds, strict=False):
-        check_terminals(seeded, loaded.terminals(len(setup.lamp.joints)), f"seed {name}")
+    given = {
+        "TASK": task, "--output": output, "--seed": seed, "--set": settings, "--population": population,
+        "--generations": generations, "--seed-from": seed_from, "--tune": tune, "--terms": terms,
+        "--calibration": calibration, "--lamp": lamp,
+    }  # fmt: skip
+    if cluster is not None and workers is not None:
+        raise RobolampError("is for this machine; with --cluster the workers are the scheduler's", "--workers")
+    console = Console(stderr=True, quiet=as_json, highlight=False)
+    with ExitStack() as stack:
+        evaluator = _cluster(cluster, console, stack) if cluster is not None else None
+        if resume is not None:
+            for name, value in given.items():
+                if value is not None:
+                    raise RobolampError("cannot be changed with --resume: a run keeps what it began with", name)
+            board = Board(console)
+            run = open_run(
+                resume,
+                workers=workers,
+                evaluator=evaluator,
+                progress=board.show,
+                warn=lambda line: _warn(console, line),
+            )
+            if run.finished:
+                console.print(f"{resume} is complete; nothing is left to do.", markup=False, soft_wrap=True)
+                result = run.go()
+            else:
+                board.begin(*run.stages, run.history)
+                with board:
+                    result = run.go()
+        else:
+            if task is None or output is None:
+                missing = "TASK (a file, or the name of a shipped task)" if task is None else "--output FOLDER"
+                raise RobolampError(f"needs {missing}, or --resume RUN", "robolamp evolve")
+            if terms is not None:
+                load_terms(terms)
+            setup = Setup.of(lamp, calibration or "nominal")
+            short = {"gp.population": population, "gp.generations": generations}
+            overrides = [*(settings or []), *(f"{key}={value}" for key, value in short.items() if value is not None)]
+            joints = len(setup.lamp.joints)
+            loaded = load_task(setup.assets, task, joints, overrides)
+            names = loaded.seeds if seed_from is None else () if seed_from == "none" else (seed_from,)
+            seeds = [setup.controller(name) for name in names][: loaded.gp.population]
+            for name, seeded in zip(names, seeds, strict=False):
+                check_terminals(seeded, loaded.terminals(joints), f"seed {name}")
+            _refuse_file(output)
+            board = Board(console)
+            board.begin(loaded.gp.generations, tune or 0)
+            with board:
+                result = run_evolution(
+                    loaded, setup.lamp, setup.calibration, setup.assets, output,
+                    seed=1 if seed is None else seed, workers=workers, seeds=seeds, tuning=tune or 0,
+                    command=shlex.join(["robolamp", *sys.argv[1:]]), terms=terms, evaluator=evaluator,
+                    progress=board.show,
+                )  # fmt: skip
+    _tell(result, as_json)
+    return 0
+
+
+def _cluster(address: str, console: Console, stack: ExitStack) -> MakeEvaluator:
+    from robolamp.evolve.cluster import Cluster
+    from robolamp.evolve.machine import differences, machine
+
+    def made(twins: Sequence[TwinModel], period: float) -> Cluster:
+        cluster = stack.enter_context(Cluster(address, twins, period))
+        for line in differences(machine(), cluster.machines()):
+            _warn(console, f"results may differ in the last bit: {line}")
+        return cluster
+
+    return made
+
+
+def _warn(console: Console, line: str) -> None:
+    console.print(f"Warning: {line}", markup=False, soft_wrap=True)
+
+
+def _refuse_file(output: Path) -> None:
     try:
         blocked = output.exists() and not output.is_dir()
     except OSError as error:  # such as a name that is too long
         raise FileError(f"cannot be used: {error.strerror or error}", f"--output {output}") from None
     if blocked:
         raise FileError("is not a folder", f"--output {output}")
-    console = Console(stderr=True, quiet=as_json)
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-        TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[best]}"),
-    )  # fmt: skip
-    bar = Progress(*columns, console=console)
-    row = bar.add_task("evolution", total=gp.generations + tune, best="")
 
-    def show(entry: Generation) -> None:
-        best = f"best {entry.best_fitness:.3f}, {entry.hits}/{entry.cases} hits, {entry.falls} falls"
-        bar.update(row, advance=1, description=entry.stage, best=best)
 
-    # Made before the bar appears: what it refuses is one line of its own.
-    run = Run(
-        loaded, setup.lamp, setup.calibration, setup.assets, output,
-        seed, workers, shlex.join(["robolamp", *sys.argv[1:]]), show,
-    )  # fmt: skip
-    with bar:
-        result = run.go(seeds, tune)
+def _tell(result: Result, as_json: bool) -> None:
     last = result.generations[-1]
     if as_json:
         print_json(
@@ -111,15 +176,15 @@ def evolve(
                 "physics_steps": last.physics_steps,
                 "physics_s": last.physics_s,
                 "wall_s": last.wall_s,
-                "generations": gp.generations,
+                "generations": sum(entry.stage == "evolution" for entry in result.generations),
             }
         )
-        return 0
+        return
     Console().print(
         f"Best fitness {result.best_fitness:.3f} after {last.individuals} individuals in {last.wall_s:.0f} s"
         f" ({last.physics_s / max(last.wall_s, 1e-9):.0%} of it physics).\n"
         f"Controller: {result.controller}\n"
-        f"Next: robolamp score {result.controller}, or robolamp dry-run {result.controller} --goal 0.30",
+        f"Next: robolamp score {result.controller}, robolamp explain {result.controller},"
+        f" or robolamp dry-run {result.controller} --goal 0.30",
         highlight=False, markup=False, soft_wrap=True,
     )  # fmt: skip
-    return 0

@@ -35,9 +35,15 @@ with room to hop and a hand near its plug. Ctrl-C lands it softly; a second Ctrl
 
 The twin replays the log's goals. Exit code 0: inside the tolerances; 1: outside; 2: could not compare.""",
     "score": "Score a controller on the twin, over many goals and lamps.",
+    "explain": "Show how a controller works: its expressions, simplified; the signals they read; the branches taken.",
     "evolve": """Evolve a controller on the twin.
 
-The controller is written to OUTPUT/controller.toml, the course of the run to OUTPUT/progress.jsonl.""",
+The controller is written to OUTPUT/controller.toml, the course of the run to OUTPUT/progress.jsonl. A run that was
+stopped, in whatever manner, goes on by `robolamp evolve --resume OUTPUT`.""",
+    "study": """Run the convergence studies of the 1997 paper, draw them, and say which of its claims hold.
+
+WHICH is population, generations, selection, crossover (its Figures 5 to 8), tuned, specific, distance, or all. Stop it
+at any time and start it again: finished runs are kept, and one that was stopped goes on.""",
     "render": "Draw a controller at work, or a log's replay, as a strip of pictures or an animation.",
     "emulate": """Run an emulated lamp that any Dynamixel client can talk to, until Ctrl-C.
 

@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import runpy
 from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robolamp.errors import FileError, RobolampError
 from robolamp.twin.judge import Outcome
 
 Term = Callable[[Outcome], NDArray[np.float64]]
-"""Takes an outcome of many lanes and gives one number a lane, shape (lanes,)."""
+"""Takes an outcome of many lanes and gives one number a lane, not below 0, shape (lanes,).
+
+It judges what the lamp did: what the envelope had to change (`interventions`) is hidden from it, because a run may be
+taken over from another controller that sent the same goals."""
 
 _TERMS: dict[str, Term] = {}
 FLIGHT_SHARE_WANTED = 0.7
 """Share of the travel in flight at which a run no longer counts as shuffling."""
 HOPELESS = 1e6
 """Fitness of a run of which no number can be made."""
+NEEDS = {"pole": "[pole]", "pose": "[[poses]]", "timing": "cases.goal_time"}
+"""Terms that ask for a part of the task file."""
 
 
 def term(name: str) -> Callable[[Term], Term]:
@@ -73,14 +82,78 @@ def _posture(outcome: Outcome) -> NDArray[np.float64]:
     return np.minimum(np.abs(outcome.angles).mean(axis=1), 1.0)
 
 
+@term("arrival")
+def _arrival(outcome: Outcome) -> NDArray[np.float64]:
+    return np.where(np.isnan(outcome.arrival), 1.0, outcome.arrival / outcome.duration)
+
+
+@term("travel_after")
+def _travel_after(outcome: Outcome) -> NDArray[np.float64]:
+    return np.minimum(outcome.travel_after / np.abs(outcome.goal), 1.0)
+
+
+@term("pole")
+def _pole(outcome: Outcome) -> NDArray[np.float64]:
+    return outcome.pole.astype(np.float64)
+
+
+@term("pose")
+def _pose(outcome: Outcome) -> NDArray[np.float64]:
+    return np.minimum(outcome.pose_error, 1.0)
+
+
+@term("timing")
+def _timing(outcome: Outcome) -> NDArray[np.float64]:
+    late = np.abs(outcome.arrival - outcome.goal_time) / outcome.duration
+    return np.where(np.isnan(outcome.arrival), 1.0, np.minimum(late, 1.0))
+
+
+def load_terms(path: Path) -> None:
+    """Run a Python file that registers fitness terms of one's own with `@term`.
+
+    Raises:
+        FileError: The file is missing, fails, or registers nothing.
+    """
+    before = dict(_TERMS)
+    try:
+        runpy.run_path(str(path), run_name="robolamp_terms")
+    except OSError as error:
+        raise FileError(f"cannot be read: {error.strerror or error}", str(path)) from None
+    except Exception as error:  # whatever the user's own code may raise
+        line = _line_of(error, path)
+        raise FileError(f"fails{line}: {type(error).__name__}: {' '.join(str(error).split())}", str(path)) from None
+    if before == _TERMS:
+        raise FileError("registers no fitness term; expected a function under @term(NAME)", str(path))
+
+
+def _line_of(error: Exception, path: Path) -> str:
+    if isinstance(error, SyntaxError):
+        return f" at line {error.lineno}"
+    step, found = error.__traceback__, ""
+    while step is not None:
+        if step.tb_frame.f_code.co_filename == str(path):
+            found = f" at line {step.tb_lineno}"
+        step = step.tb_next
+    return found
+
+
 def weighted(outcome: Outcome, weights: Mapping[str, float]) -> NDArray[np.float64]:
     """Return the weighted sum of terms, shape (lanes,); `HOPELESS` where it is not finite.
 
     Args:
         outcome: What the lanes did.
         weights: Weight of each term, by name.
+
+    Raises:
+        RobolampError: A term gave something below 0, or not one number a lane.
     """
     total = np.zeros(len(outcome.goal))
+    shown = replace(outcome, interventions=np.zeros_like(outcome.interventions), trace=None)
     for name, weight in weights.items():
-        total += weight * _TERMS[name](outcome)
+        value = np.asarray(_TERMS[name](shown), np.float64)
+        if value.shape != total.shape:
+            raise RobolampError(f"gave shape {value.shape}; expected {total.shape}", f"fitness term {name!r}")
+        if (value < 0.0).any():
+            raise RobolampError(f"gave {value.min():g}; expected nothing below 0", f"fitness term {name!r}")
+        total += weight * value
     return np.where(np.isfinite(total), total, HOPELESS)

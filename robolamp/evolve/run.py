@@ -5,31 +5,44 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Sequence
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import tomlkit
 from numpy.typing import NDArray
 
 from robolamp.assets import Assets
-from robolamp.calibration import Calibration
+from robolamp.calibration import Calibration, load_calibration
 from robolamp.controller.file import Controller, save_controller, slug
 from robolamp.errors import FileError
-from robolamp.evolve.selection import tournament
-from robolamp.evolve.task import Task
+from robolamp.evolve.breeding import breed, choose, draw_plan
+from robolamp.evolve.checkpoint import NAME as CHECKPOINT
+from robolamp.evolve.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
+from robolamp.evolve.fitness import load_terms
+from robolamp.evolve.machine import differences, machine
+from robolamp.evolve.race import Contest, Memory, Race, fitness
+from robolamp.evolve.task import Task, load_task, parse_task
 from robolamp.evolve.tree import Breeder, Genome
-from robolamp.evolve.trial import Score, Trials, draw_cases
+from robolamp.evolve.trial import Case, Evaluator, Score, Trials, draw_cases
 from robolamp.evolve.tune import tune
-from robolamp.files import write_atomic
-from robolamp.lamp import Lamp
+from robolamp.files import Table, read_text, read_toml, sha256, write_atomic
+from robolamp.lamp import Lamp, load_lamp
 from robolamp.twin.fleet import Fleet
-from robolamp.twin.model import build
+from robolamp.twin.model import TwinModel, build, fingerprint
 from robolamp.twin.spread import load_spread
 
 _LAMPS = 24  # at least, drawn from the spread for a run besides the calibrated one
-_JUDGED = 4  # fresh sets of cases that decide whether tuning was for the better
+_JUDGED = 4  # fresh sets of cases that decide between candidates, where cases are drawn anew, and whether tuning paid
+_COUNTS = ("tried", "cached", "inherited", "stopped")
+_STREAMS = ("born", "chosen", "drawn", "tuned", "bred")
+
+MakeEvaluator = Callable[[Sequence[TwinModel], float], Evaluator]
+"""Takes a run's lamps and its control period [s]."""
 
 
 @dataclass(frozen=True)
@@ -40,14 +53,23 @@ class Generation:
         stage: "evolution" or "tuning".
         generation: Its number in that stage, from 0.
         best_fitness: Fitness of its best individual, at this generation's phase.
-        mean_fitness: Mean over the individuals.
+        best_whole: Fitness of the same individual at full phase.
+        champion_fitness: The best fitness at full phase so far in the run; where cases are drawn anew, of this
+            generation.
+        mean_fitness: Mean over the individuals that were tried on all cases.
         hits: Cases hit by the best.
+        hits_1997: Cases in which the best came within 1.5 cm of the goal.
         falls: Cases in which the best fell.
         cases: Number of cases.
         hops: Hops of the best, mean over cases.
         flight_share: Flight share of the best, mean over cases.
         nodes: Nodes of the best.
+        mean_nodes: Nodes of an individual, on average.
         individuals: Individuals examined so far.
+        tried: Trials (an individual on a case) simulated so far ...
+        cached: ... taken over from an identical program ...
+        inherited: ... taken over from a mother that acts alike ...
+        stopped: ... and not made, because the individual was certain to lose (or was screened out).
         physics_steps: Simulated steps so far.
         physics_s: Wall time inside trials so far [s].
         wall_s: Wall time so far [s].
@@ -56,14 +78,22 @@ class Generation:
     stage: str
     generation: int
     best_fitness: float
+    best_whole: float
+    champion_fitness: float
     mean_fitness: float
     hits: int
+    hits_1997: int
     falls: int
     cases: int
     hops: float
     flight_share: float
     nodes: int
+    mean_nodes: float
     individuals: int
+    tried: int
+    cached: int
+    inherited: int
+    stopped: int
     physics_steps: int
     physics_s: float
     wall_s: float
@@ -75,7 +105,7 @@ class Result:
 
     Attributes:
         controller: The controller file it wrote.
-        best_fitness: Of the champion, at full phase.
+        best_fitness: Of that controller, at full phase.
         generations: Every generation, and every iteration of tuning.
     """
 
@@ -96,38 +126,135 @@ def evolve(
     seeds: Sequence[Controller] = (),
     tuning: int = 0,
     command: str = "",
+    terms: Path | None = None,
+    evaluator: MakeEvaluator | None = None,
+    reuse: bool = True,
     progress: Callable[[Generation], None] = lambda _: None,
 ) -> Result:
     """Evolve a controller.
 
-    Fitness is main + sqrt(g / G) style (Gritz & Hahn 1997, section 3.5), the mean over fitness cases drawn once a run.
+    Fitness is main + sqrt(g / G) style (Gritz & Hahn 1997, section 3.5), the mean over fitness cases. The same task
+    and seed give the same result on one kind of processor with the same versions, at any number of workers.
 
     Args:
         task: What to evolve.
         lamp: The lamp.
         calibration: The twin's numbers.
         assets: Where data files are.
-        folder: The run's folder: progress.jsonl and controller.toml go there.
-        seed: Where all randomness comes from; the same seed gives the same run at any number of workers.
+        folder: The run's folder.
+        seed: Where all randomness comes from.
         workers: Threads; None: one a core.
         seeds: Controllers to put into the first generation.
         tuning: Iterations of CMA-ES on the champion's constants, at the end.
         command: The command line, kept in the controller file.
+        terms: The Python file with fitness terms of one's own that the task uses (already loaded), kept in the run.
+        evaluator: What runs the lamps instead of a fleet of `workers` threads.
+        reuse: Without, everything is simulated, also what is known or certain to lose: for checking.
         progress: Called after each generation and each iteration of tuning.
-
-    Raises:
-        RobolampError: See `Run`.
-    """
-    return Run(task, lamp, calibration, assets, folder, seed, workers, command, progress).go(seeds, tuning)
-
-
-class Run:
-    """A run that can go: its lamps built, its cases drawn, its folder claimed. For the arguments see `evolve`.
 
     Raises:
         FileError: The folder holds a run already, or cannot be written.
         RobolampError: The task asks for what cannot be: goals that do not fit, a period the physics cannot keep.
     """
+    if parse_task(task.source, len(lamp.joints), task.name) != task:
+        raise ValueError(
+            "a task that is not what its source says cannot be resumed: change it by load_task's overrides"
+        )
+    record = {
+        "seed": seed,
+        "tuning": tuning,
+        "command": command,
+        "reuse": reuse,
+        "lamp": "" if assets.own is None else str(assets.own.resolve()),
+        "calibration": str(calibration.path.resolve()),
+        "calibration_sha256": calibration.hash,
+        "terms": "" if terms is None else str(terms.resolve()),
+        "terms_sha256": "" if terms is None else sha256(terms),
+    }
+    for name in ("progress.jsonl", "controller.toml", CHECKPOINT, "run.toml"):
+        if (folder / name).exists():
+            raise FileError("holds a run already; go on with --resume, or give another folder with -o", str(folder))
+    run = Run(task, lamp, calibration, assets, folder, record, workers, evaluator, progress)
+    run.begin(seeds)
+    return run.go()
+
+
+def resume(
+    folder: Path,
+    *,
+    workers: int | None = None,
+    evaluator: MakeEvaluator | None = None,
+    progress: Callable[[Generation], None] = lambda _: None,
+    warn: Callable[[str], None] = lambda _: None,
+) -> Result:
+    """Go on with a run that was stopped, from its last checkpoint: bit for bit as if it had not been.
+
+    Args:
+        folder: The run's folder.
+        workers: Threads; None: one a core.
+        evaluator: What runs the lamps instead.
+        progress: Called after each generation and each iteration of tuning.
+        warn: Called with a line where the machine or its versions are not those the run began on.
+
+    Raises:
+        FileError: The folder holds no run, or what the run was made from has changed.
+    """
+    run = open_run(folder, workers=workers, evaluator=evaluator, progress=progress, warn=warn)
+    return run.go()
+
+
+def open_run(
+    folder: Path,
+    *,
+    workers: int | None = None,
+    evaluator: MakeEvaluator | None = None,
+    progress: Callable[[Generation], None] = lambda _: None,
+    warn: Callable[[str], None] = lambda _: None,
+) -> Run:
+    """Return a run at its last checkpoint; see `resume`."""
+    record = read_record(folder)
+    if record["terms"]:
+        _unchanged(Path(record["terms"]), record["terms_sha256"])
+        load_terms(Path(record["terms"]))
+    assets = Assets.of(record["lamp"] or None)
+    calibration = load_calibration(assets, record["calibration"])
+    _unchanged(calibration.path, record["calibration_sha256"])
+    lamp = load_lamp(assets)
+    task = load_task(assets, folder / "task.toml", len(lamp.joints))
+    for line in differences(machine(), {"where the run began": record["machine"]}):
+        warn(f"results may differ in the last bit: {line}")
+    run = Run(task, lamp, calibration, assets, folder, record, workers, evaluator, progress)
+    run.restore()
+    return run
+
+
+def read_record(folder: Path) -> dict[str, Any]:
+    """Return what a run was started with: its run.toml.
+
+    Raises:
+        FileError: There is none, or it is malformed.
+    """
+    path = folder / "run.toml"
+    if not path.is_file():
+        raise FileError("holds no run; expected a folder made by robolamp evolve -o", str(folder))
+    root = Table(read_toml(path), str(path))
+    root.integer("schema", 1, 1)
+    record: dict[str, Any] = {name: root.integer(name, 0, 2**63) for name in ("seed", "tuning")}
+    record["reuse"] = root.flag("reuse")
+    texts = ("command", "lamp", "calibration", "calibration_sha256", "terms", "terms_sha256", "twin_sha256")
+    record |= {name: root.text(name) for name in texts}
+    record["machine"] = {name: str(value) for name, value in root.table("machine").raw().items()}
+    root.done()
+    return record
+
+
+def _unchanged(path: Path, expected: str) -> None:
+    if sha256(path) != expected:
+        raise FileError("has changed since the run began; put it back, or begin another run", str(path))
+
+
+class Run:
+    """A run that can go: its lamps built. For the arguments see `evolve`; `record` is what run.toml holds."""
 
     def __init__(
         self,
@@ -136,92 +263,240 @@ class Run:
         calibration: Calibration,
         assets: Assets,
         folder: Path,
-        seed: int,
+        record: Mapping[str, Any],
         workers: int | None,
-        command: str,
+        evaluator: MakeEvaluator | None,
         progress: Callable[[Generation], None],
     ) -> None:
-        if (folder / "progress.jsonl").exists() or (folder / "controller.toml").exists():
-            raise FileError("holds a run already; give another folder with -o", str(folder))
         self._began = time.perf_counter()
         self._task, self._lamp, self._calibration, self._folder = task, lamp, calibration, folder
-        self._seed, self._command, self._progress = seed, command, progress
+        self._record, self._progress = dict(record), progress
         # One stream for each use, so that a change in one does not shift the others.
-        born, chosen, drawn, tuned = np.random.SeedSequence(seed).spawn(4)
-        self._born, self._chosen = np.random.default_rng(born), np.random.default_rng(chosen)
-        self._drawn, self._tuned = np.random.default_rng(drawn), int(tuned.generate_state(1)[0])
+        streams = dict(zip(_STREAMS, np.random.SeedSequence(record["seed"]).spawn(len(_STREAMS)), strict=True))
+        self._tuning_seed = int(streams.pop("tuned").generate_state(1)[0])
+        self._rng = {name: np.random.default_rng(stream) for name, stream in streams.items()}
         joints = len(lamp.joints)
-        lamps = [build(lamp, calibration, assets)]
+
+        def made(bend: Any = None) -> TwinModel:
+            return build(lamp, calibration, assets, bend, timestep=task.timestep, pole=task.pole)
+
+        lamps = [made()]
         if task.cases.lamps > 1:
             spread = load_spread(assets)
             others = max(_LAMPS, task.cases.lamps - 1)
-            lamps += [build(lamp, calibration, assets, spread.draw(self._drawn, joints)) for _ in range(others)]
+            lamps += [made(spread.draw(self._rng["drawn"], joints)) for _ in range(others)]
         self._lamps = len(lamps)
-        self._fleet = Fleet(lamps, task.control_period, workers)
+        self._twin = fingerprint(lamps[0])
+        make = evaluator or (lambda twins, period: Fleet(twins, period, workers))
+        self._evaluator = make(lamps, task.control_period)
         self._terminals = task.terminals(joints)
-        self._trials = Trials(self._fleet, task, self._terminals)
-        self._cases = draw_cases(self._drawn, task, self._lamps)
+        self._breeder = Breeder(task, self._terminals, joints)
+        self._trials = Trials(self._evaluator, task, self._terminals)
+        self._cases = draw_cases(self._rng["drawn"], task, self._lamps)
         self._history: list[Generation] = []
-        self._examined = 0
-        write_atomic(folder / "progress.jsonl", "")
+        self._state = Checkpoint()
+        self._memory = Memory()
+        self._fitness = math.inf  # of the controller on disk
 
-    def go(self, seeds: Sequence[Controller], tuning: int) -> Result:
-        """Evolve, then tune; the champion so far is on disk after each of the two.
+    def begin(self, seeds: Sequence[Controller]) -> None:
+        """Claim the folder, and draw the first generation.
 
         Args:
-            seeds: Controllers to put into the first generation.
-            tuning: Iterations of CMA-ES on the champion's constants, at the end.
+            seeds: Controllers that it begins with.
         """
-        champion = self._evolve(seeds)
-        fitness = self._save(champion, 0)
-        if tuning:
-
-            def tuned_once(iteration: int, genomes: Sequence[Genome], score: Score) -> None:
-                self._note("tuning", iteration, score.main + score.style, genomes, score)
-
-            tuned = tune(champion, self._trials, self._task, self._lamps, tuning, self._tuned, tuned_once)
-            fresh = [case for _ in range(_JUDGED) for case in draw_cases(self._drawn, self._task, self._lamps)]
-            score = self._trials.score([champion, tuned], fresh)
-            if np.argmin(score.main + score.style) == 1:
-                fitness = self._save(tuned, tuning)
-        return Result(self._folder / "controller.toml", fitness, tuple(self._history))
-
-    def _evolve(self, seeds: Sequence[Controller]) -> Genome:
-        gp = self._task.gp
-        breeder = Breeder(self._task, self._terminals, len(self._lamp.joints))
         population = [controller.expressions for controller in seeds]
-        population += breeder.population(self._born, gp.population - len(population))
-        champion, champion_fitness = population[0], math.inf
-        for generation in range(gp.generations):
-            score = self._trials.score(population, self._cases)
-            whole = score.main + score.style  # champions are compared at full phase
-            best = int(np.argmin(whole))
-            if whole[best] < champion_fitness:
-                champion, champion_fitness = population[best], float(whole[best])
-            fitness = score.main + math.sqrt(generation / gp.generations) * score.style
-            self._note("evolution", generation, fitness, population, score)
-            if generation + 1 < gp.generations:
-                population = _next(self._chosen, breeder, self._task, population, fitness)
-        return champion
+        population += self._breeder.population(self._rng["born"], self._task.gp.population - len(population))
+        self._state.population = population
+        self._state.mothers = [-1] * len(population)
+        self._state.promise = [0.0] * len(population)
+        document = tomlkit.document()
+        document.add(tomlkit.comment("What this run was started with; robolamp evolve --resume reads it."))
+        document.update({"schema": 1, **self._record, "twin_sha256": self._twin, "machine": machine()})
+        write_atomic(self._folder / "run.toml", tomlkit.dumps(document))
+        write_atomic(self._folder / "task.toml", self._task.source)
+        write_atomic(self._folder / "progress.jsonl", "")
+        self._checkpoint()
+
+    def restore(self) -> None:
+        """Go back to the last checkpoint."""
+        if self._record["twin_sha256"] != self._twin:
+            raise FileError("the lamp's model is not the one the run began with", str(self._folder / "run.toml"))
+        self._state = state = load_checkpoint(self._folder, self._terminals)
+        path = self._folder / "progress.jsonl"
+        try:
+            lines = [json.loads(line) for line in read_text(path).splitlines()[: state.lines]]
+            self._history = [Generation(**line) for line in lines]
+        except (ValueError, TypeError) as error:
+            raise FileError(f"is damaged: {error}", str(path)) from None
+        for name, stored in state.rng.items():
+            self._rng[name].bit_generator.state = stored
+        # The runs of parents are not stored but made again: physics is deterministic.
+        if state.traced:
+            race = Race(
+                self._trials, self._cases, self._lamp, self._task.control_period,
+                state.traced, [None] * len(state.traced), Memory(),
+            )  # fmt: skip
+            race.all()
+            self._memory = race.remember(state.traced)
+        self._memory.values = state.known
+        controller = self._folder / "controller.toml"
+        if controller.exists():
+            self._fitness = float(tomllib.loads(read_text(controller))["scores"]["fitness"])
+        totals = state.totals
+        self._began = time.perf_counter() - totals.get("wall_s", 0.0)
+        self._trials.seconds = totals.get("physics_s", 0.0)
+        self._evaluator.steps = int(totals.get("physics_steps", 0))
+
+    @property
+    def finished(self) -> bool:
+        """Whether there is nothing left to do."""
+        return self._state.stage == "done"
+
+    @property
+    def history(self) -> tuple[Generation, ...]:
+        """The generations so far, and the iterations of tuning."""
+        return tuple(self._history)
+
+    @property
+    def stages(self) -> tuple[int, int]:
+        """How many generations, and iterations of tuning, the whole run has."""
+        return self._task.gp.generations, self._record["tuning"]
+
+    def go(self) -> Result:
+        """Evolve, then tune, from wherever the run is; the champion so far is on disk after each generation."""
+        state = self._state
+        while state.stage == "evolution":
+            self._generation()
+            if state.generation == self._task.gp.generations:
+                if self._task.cases.fresh:
+                    self._judge_candidates()
+                state.stage = "tuning" if self._record["tuning"] else "done"
+                state.population, state.known, state.traced, self._memory = [], {}, [], Memory()
+            self._checkpoint()
+        if state.stage == "tuning":
+            self._tune()
+        return Result(self._folder / "controller.toml", self._fitness, self.history)
+
+    def _generation(self) -> None:
+        state, task, gp = self._state, self._task, self._task.gp
+        last = state.generation + 1 == gp.generations
+        phase = math.sqrt(state.generation / gp.generations)
+        if task.cases.fresh:
+            self._cases = draw_cases(self._rng["drawn"], task, self._lamps)
+        plan = None if last else draw_plan(self._rng["chosen"], gp)
+        mothers = [None if mother < 0 else state.parents[mother] for mother in state.mothers]
+        reuse = bool(self._record["reuse"])
+        race = Race(
+            self._trials, self._cases, self._lamp, task.control_period, state.population, mothers, self._memory, reuse
+        )
+        tournaments = np.zeros((0, 1), np.int64) if plan is None else plan.tournaments
+        if gp.screening < 1.0:
+            race.screen(gp.screening, phase, state.generation)
+        elif reuse and gp.early_stop and gp.selection == "tournament" and tournaments is not None:
+            bar = math.inf if task.cases.fresh else state.champion_fitness
+            race.race(Contest(tournaments, phase, bar), np.array(state.promise))
+        else:
+            race.all()
+        values, complete = race.values, race.complete
+        whole = np.where(complete, fitness(values, 1.0), np.inf)
+        best = int(np.argmin(whole))
+        if task.cases.fresh or whole[best] < state.champion_fitness:
+            state.champion, state.champion_fitness = state.population[best], float(whole[best])
+            if task.cases.fresh:
+                state.candidates.append(state.champion)
+            self._save(state.champion, Score.of(values[best : best + 1]))
+        for name in _COUNTS:
+            state.totals[name] = int(state.totals.get(name, 0)) + getattr(race.counts, name)
+        self._note("evolution", state.generation, phase, state.population, values, complete)
+        if plan is not None:
+            current = fitness(values, phase)
+            chosen = choose(self._rng["chosen"], gp, plan, values, phase)
+            state.parents = [state.population[index] for index in chosen]
+            state.population, state.mothers = breed(
+                self._rng["bred"], self._breeder, plan, state.parents, gp.population
+            )
+            state.promise = [float(current[chosen[mother]]) for mother in state.mothers]
+            if not task.cases.fresh:
+                self._memory = race.remember(state.parents)
+                state.known, state.traced = self._memory.values, list(self._memory.lanes)
+        state.generation += 1
+
+    def _judge_candidates(self) -> None:
+        """Choose between the best of each generation, which met different cases, on cases that none of them met."""
+        candidates = list(dict.fromkeys(self._state.candidates))
+        score = self._trials.score(candidates, self._fresh())
+        best = int(np.argmin(score.main + score.style))
+        self._state.champion = candidates[best]
+        self._save(candidates[best], self._trials.score([candidates[best]], self._cases))
+
+    def _fresh(self) -> list[Case]:
+        return [case for _ in range(_JUDGED) for case in draw_cases(self._rng["drawn"], self._task, self._lamps)]
+
+    def _tune(self) -> None:
+        state = self._state
+        assert state.champion is not None
+
+        def tuned_once(iteration: int, genomes: Sequence[Genome], values: NDArray[np.float64]) -> None:
+            state.told.append(fitness(values, 1.0).tolist())
+            state.totals["tried"] = int(state.totals.get("tried", 0)) + values.shape[0] * values.shape[1]
+            self._note("tuning", iteration, 1.0, genomes, values, np.ones(len(genomes), bool))
+            self._checkpoint()
+
+        tuned = tune(
+            state.champion, self._trials, self._task, self._lamps, self._record["tuning"], self._tuning_seed,
+            state.told, tuned_once,
+        )  # fmt: skip
+        score = self._trials.score([state.champion, tuned], self._fresh())
+        if np.argmin(score.main + score.style) == 1:
+            self._save(tuned, self._trials.score([tuned], self._cases), self._record["tuning"])
+        state.stage = "done"
+        self._checkpoint()
+
+    def _checkpoint(self) -> None:
+        state = self._state
+        state.lines = len(self._history)
+        state.rng = {name: stream.bit_generator.state for name, stream in self._rng.items()}
+        state.totals |= {
+            "physics_steps": self._evaluator.steps,
+            "physics_s": self._trials.seconds,
+            "wall_s": time.perf_counter() - self._began,
+        }
+        save_checkpoint(state, self._folder)
 
     def _note(
-        self, stage: str, generation: int, fitness: NDArray[np.float64], genomes: Sequence[Genome], score: Score
+        self,
+        stage: str,
+        generation: int,
+        phase: float,
+        genomes: Sequence[Genome],
+        values: NDArray[np.float64],
+        complete: NDArray[np.bool_],
     ) -> None:
-        best = int(np.argmin(fitness))
-        self._examined += len(genomes)
+        own = np.where(complete, fitness(values, phase), np.inf)
+        best = int(np.argmin(own))
+        score = Score.of(values[best : best + 1])
+        whole = float(fitness(values[best : best + 1], 1.0)[0])
+        totals = self._state.totals
+        totals["individuals"] = int(totals.get("individuals", 0)) + len(genomes)
+        nodes = [sum(len(part.tokens) for part in genome) for genome in genomes]
         entry = Generation(
             stage=stage,
             generation=generation,
-            best_fitness=float(fitness[best]),
-            mean_fitness=float(fitness.mean()),
-            hits=int(score.hits[best]),
-            falls=int(score.falls[best]),
-            cases=len(self._cases),
-            hops=float(score.hops[best]),
-            flight_share=float(score.flight_share[best]),
-            nodes=sum(len(part.tokens) for part in genomes[best]),
-            individuals=self._examined,
-            physics_steps=self._fleet.steps,
+            best_fitness=float(own[best]),
+            best_whole=whole,
+            champion_fitness=self._state.champion_fitness if stage == "evolution" else whole,
+            mean_fitness=float(own[complete].mean()),
+            hits=int(score.hits[0]),
+            hits_1997=int(score.hits_1997[0]),
+            falls=int(score.falls[0]),
+            cases=values.shape[1],
+            hops=float(score.hops[0]),
+            flight_share=float(score.flight_share[0]),
+            nodes=nodes[best],
+            mean_nodes=float(np.mean(nodes)),
+            individuals=int(totals["individuals"]),
+            **{name: int(totals.get(name, 0)) for name in _COUNTS},
+            physics_steps=self._evaluator.steps,
             physics_s=round(self._trials.seconds, 3),
             wall_s=round(time.perf_counter() - self._began, 3),
         )
@@ -230,10 +505,9 @@ class Run:
         write_atomic(self._folder / "progress.jsonl", text)
         self._progress(entry)
 
-    def _save(self, champion: Genome, tuning: int) -> float:
-        """Write the controller file; return its fitness on the run's cases."""
-        score = self._trials.score([champion], self._cases)
-        fitness = float(score.main[0] + score.style[0])
+    def _save(self, champion: Genome, score: Score, tuning: int = 0) -> None:
+        """Write the controller file, with its score on the run's cases."""
+        self._fitness = float(score.main[0] + score.style[0])
         controller = Controller(
             name=slug(self._folder.resolve().name),
             task=self._task.name,
@@ -242,15 +516,16 @@ class Run:
             expressions=champion,
             joints=self._lamp.names,
             scores={
-                "fitness": round(fitness, 6),
+                "fitness": self._fitness,
                 "hits": int(score.hits[0]),
+                "hits_1997": int(score.hits_1997[0]),
                 "falls": int(score.falls[0]),
                 "cases": len(self._cases),
                 "flight_share": round(float(score.flight_share[0]), 3),
             },
             provenance={
-                "command": self._command,
-                "seed": self._seed,
+                "command": self._record["command"],
+                "seed": self._record["seed"],
                 "generations": self._task.gp.generations,
                 "tuning": tuning,
                 "calibration": self._calibration.name,
@@ -259,24 +534,3 @@ class Run:
             },
         )
         save_controller(controller, self._folder / "controller.toml")
-        return fitness
-
-
-def _next(
-    rng: np.random.Generator, breeder: Breeder, task: Task, population: Sequence[Genome], fitness: NDArray[np.float64]
-) -> list[Genome]:
-    gp = task.gp
-
-    def parent() -> Genome:
-        return population[tournament(rng, fitness, gp.tournament)]
-
-    children: list[Genome] = []
-    while len(children) < gp.population:
-        choice = rng.random()
-        if choice < gp.crossover:
-            children += breeder.crossover(rng, parent(), parent())
-        elif choice < gp.crossover + gp.mutation:
-            children.append(breeder.mutate_constants(rng, parent()))
-        else:
-            children.append(parent())
-    return children[: gp.population]

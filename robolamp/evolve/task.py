@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import tomllib
+from collections.abc import Mapping, MutableMapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
 
 from robolamp.assets import Assets
 from robolamp.controller.terminals import all_terminals, on_board_terminals
-from robolamp.evolve.fitness import terms
-from robolamp.files import Table, read_text, read_toml
+from robolamp.errors import FileError, RobolampError
+from robolamp.evolve.fitness import NEEDS, terms
+from robolamp.files import Table, read_text
+from robolamp.twin.model import Pole
+from robolamp.twin.poses import KeyPose
+
+FIGURES = ("lamp",)
+"""What may be evolved: a folder of sim/."""
+SELECTIONS = ("tournament", "proportionate", "lexicase", "pareto")
+"""Ways to choose parents; see `robolamp.evolve.selection`."""
+_SIGNALS = ("on-board", "all")
 
 
 @dataclass(frozen=True)
@@ -22,6 +36,8 @@ class Cases:
         high: Largest [m].
         spacing: Smallest distance between two [m].
         lamps: How many lamps each is tried on: the calibrated one, and others drawn from the spread.
+        fresh: Drawn anew each generation, instead of once a run.
+        goal_time: Smallest and largest time commanded for the way [s]; None: none is.
     """
 
     count: int
@@ -29,6 +45,8 @@ class Cases:
     high: float
     spacing: float
     lamps: int
+    fresh: bool
+    goal_time: tuple[float, float] | None
 
 
 @dataclass(frozen=True)
@@ -38,20 +56,33 @@ class Settings:
     Attributes:
         population: Individuals a generation (M).
         generations: Generations (G).
+        selection: How parents are chosen, one of `SELECTIONS`.
         tournament: Individuals of a tournament.
-        crossover: Share of a new generation made by crossover.
-        mutation: Share made by mutating constants; the rest is reproduction.
+        crossover: Share of a new generation made by crossover ...
+        subtree_mutation: ... by growing a new subtree ...
+        point_mutation: ... by replacing single nodes ...
+        constant_mutation: ... by moving constants; the rest is reproduction.
         depth_at_birth: Smallest and largest depth of trees in the first generation.
         depth: Largest depth of any tree.
+        nodes: Largest number of nodes of an individual, all joints together.
+        early_stop: Whether individuals that are certain to lose every tournament they are in are stopped.
+        screening: Share of the individuals that is tried on all cases; the others, the worst on a sixth of
+            them (in each generation other ones), are judged by those alone.
     """
 
     population: int
     generations: int
+    selection: str
     tournament: int
     crossover: float
-    mutation: float
+    subtree_mutation: float
+    point_mutation: float
+    constant_mutation: float
     depth_at_birth: tuple[int, int]
     depth: int
+    nodes: int
+    early_stop: bool
+    screening: float
 
 
 @dataclass(frozen=True)
@@ -60,12 +91,16 @@ class Task:
 
     Attributes:
         name: The task's name.
+        figure: What is evolved, one of `FIGURES`.
         control_period: Time between evaluations of a controller [s].
+        timestep: Physics step [s]; None: the model's own.
         duration: Length of a trial [s].
-        signals: "on-board" or "all".
+        signals: "on-board", "all", or the names of terminals.
         constants: Range that constants are drawn from.
         seeds: Controllers (files or shipped names) that the first generation begins with.
         cases: Which goals.
+        pole: A limbo pole on the way, or None.
+        poses: Poses to be in at given times, for the term `pose`.
         main: Weights of the main fitness terms.
         style: Weights of the style terms, phased in over the run.
         gp: Parameters of genetic programming.
@@ -73,12 +108,16 @@ class Task:
     """
 
     name: str
+    figure: str
     control_period: float
+    timestep: float | None
     duration: float
-    signals: str
+    signals: str | tuple[str, ...]
     constants: tuple[float, float]
     seeds: tuple[str, ...]
     cases: Cases
+    pole: Pole | None
+    poses: tuple[KeyPose, ...]
     main: Mapping[str, float]
     style: Mapping[str, float]
     gp: Settings
@@ -86,15 +125,20 @@ class Task:
 
     def terminals(self, joints: int) -> tuple[str, ...]:
         """Return the terminals a controller for this task may read."""
-        return on_board_terminals(joints) if self.signals == "on-board" else all_terminals(joints)
+        if isinstance(self.signals, tuple):
+            return self.signals
+        supplied = on_board_terminals(joints) if self.signals == "on-board" else all_terminals(joints)
+        return tuple(name for name in supplied if name != "goal_time" or self.cases.goal_time)
 
 
-def _weights(table: Table) -> dict[str, float]:
+def _weights(table: Table, present: Mapping[str, bool]) -> dict[str, float]:
     known = terms()
     weights = {}
     for name in table.names():
         if name not in known:
             raise table.fail(name, f"unknown fitness term; expected one of {', '.join(known)}")
+        if not present.get(NEEDS.get(name, ""), True):
+            raise table.fail(name, f"needs {NEEDS[name]}, which the task does not give")
         weights[name] = table.number(name, 0.0, 1000.0)
     return weights
 
@@ -114,52 +158,153 @@ def _names(table: Table, key: str) -> tuple[str, ...]:
     return tuple(names)
 
 
-def load_task(assets: Assets, name: str | Path) -> Task:
+def _signals(root: Table, joints: int) -> str | tuple[str, ...]:
+    value = root.raw().get("signals")
+    if not isinstance(value, list):
+        return root.text("signals", _SIGNALS)
+    known = all_terminals(joints)
+    for name in value:
+        if name not in known:
+            raise root.fail("signals", f"unknown {name!r}; expected some of {' '.join(known)}, or on-board, or all")
+    if not value or len(set(value)) < len(value):
+        raise root.fail("signals", f"{value!r} is not a list of different terminals")
+    return tuple(value)
+
+
+def _poses(root: Table, joints: int, duration: float) -> tuple[KeyPose, ...]:
+    poses = []
+    for table in root.tables("poses") if "poses" in root else ():
+        angles = table.array("angles")
+        numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in angles)
+        if len(angles) != joints or not numbers or not all(abs(value) <= 4.0 for value in angles):
+            raise table.fail("angles", f"{angles!r} is not {joints} angles from -4 to 4 rad")
+        poses.append(KeyPose(table.number("time", 0.0, duration, "s"), tuple(float(value) for value in angles)))
+        table.done()
+    return tuple(poses)
+
+
+def _cases(table: Table) -> Cases:
+    low = table.number("low", 0.001, 100.0, "m")
+    cases = Cases(
+        count=table.integer("count", 1, 1000),
+        low=low,
+        high=table.number("high", low, 100.0, "m"),
+        spacing=table.number("spacing", 0.0, 100.0, "m"),
+        lamps=table.integer("lamps", 1, 1000),
+        fresh=table.flag("fresh", default=False),
+        goal_time=_pair(table, "goal_time", 0.1, 600.0) if "goal_time" in table else None,
+    )
+    table.done()
+    return cases
+
+
+def _settings(table: Table) -> Settings:
+    shares: dict[str, float] = {}
+    for name in ("crossover", "subtree_mutation", "point_mutation", "constant_mutation"):
+        left = round(1.0 - sum(shares.values()), 12)
+        shares[name] = table.number(name, 0.0, left, default=... if name == "crossover" else 0.0)
+    shortest, tallest = _pair(table, "depth_at_birth", 1, 17)
+    if not shortest.is_integer() or not tallest.is_integer():
+        raise table.fail("depth_at_birth", f"[{shortest:g}, {tallest:g}] is not two whole numbers")
+    settings = Settings(
+        population=table.integer("population", 2, 100_000),
+        generations=table.integer("generations", 1, 100_000),
+        selection=table.text("selection", SELECTIONS, default="tournament"),
+        tournament=table.integer("tournament", 1, 1000, default=6),
+        depth_at_birth=(int(shortest), int(tallest)),
+        depth=table.integer("depth", int(tallest), 100),
+        nodes=table.integer("nodes", 10, 100_000, default=1000),
+        early_stop=table.flag("early_stop", default=True),
+        screening=table.number("screening", 0.01, 1.0, default=1.0),
+        **shares,
+    )
+    table.done()
+    return settings
+
+
+def _override(document: Any, text: str) -> None:
+    """Set one key, given as KEY=VALUE, in a parsed file."""
+    where = f"--set {text}"
+    key, equals, value = text.partition("=")
+    try:
+        parsed = tomllib.loads(f"value = {value}")["value"] if equals and value.strip() else None
+    except ValueError:
+        parsed = value.strip()  # a text without its quotes, as gp.selection=lexicase
+        if not parsed.replace("-", "").replace("_", "").isalnum():
+            raise RobolampError(f"{value!r} is not a TOML value", where) from None
+    names = key.strip().split(".")
+    if parsed is None or not all(names):
+        raise RobolampError("is not KEY=VALUE, as gp.population=100", where)
+    table = document
+    for name in names[:-1]:
+        if name not in table:
+            table[name] = tomlkit.table()
+        table = table[name]
+        if not isinstance(table, MutableMapping):
+            raise RobolampError(f"{name!r} is not a table of the task", where)
+    table[names[-1]] = parsed
+
+
+def load_task(assets: Assets, name: str | Path, joints: int = 3, overrides: Sequence[str] = ()) -> Task:
     """Read a task file.
 
     Args:
         assets: Where to look.
         name: A path, or the name of a file in sim/tasks/.
+        joints: Joints of the figure.
+        overrides: Keys to set, each as KEY=VALUE (`gp.population=100`), before the file is checked.
 
     Raises:
         FileError: The file is missing or malformed; the message names the key and what was expected.
+        RobolampError: An override is no KEY=VALUE.
     """
     path = assets.named(name, "sim/tasks", "task", exclude=("spread",))
-    root = Table(read_toml(path), str(path))
+    source = read_text(path)
+    try:
+        if overrides:
+            document = tomlkit.parse(source)
+            for override in overrides:
+                _override(document, override)
+            source = tomlkit.dumps(document)
+    except (ValueError, RecursionError, TOMLKitError) as error:
+        raise FileError(f"not valid TOML: {error}", str(path)) from None
+    return parse_task(source, joints, str(path))
+
+
+def parse_task(source: str, joints: int, where: str) -> Task:
+    """Read the text of a task file; see `load_task`."""
+    try:
+        root = Table(tomllib.loads(source), where)
+    except (ValueError, RecursionError) as error:
+        raise FileError(f"not valid TOML: {error}", where) from None
     root.integer("schema", 1, 1)
-    cases, gp = root.table("cases"), root.table("gp")
-    crossover = gp.number("crossover", 0.0, 1.0)
-    shortest, tallest = _pair(gp, "depth_at_birth", 1, 17)
-    if not shortest.is_integer() or not tallest.is_integer():
-        raise gp.fail("depth_at_birth", f"[{shortest:g}, {tallest:g}] is not two whole numbers")
-    low = cases.number("low", 0.001, 100.0, "m")
+    duration = root.number("duration", 0.1, 600.0, "s")
+    cases = _cases(root.table("cases"))
+    pole = None
+    if "pole" in root:
+        table = root.table("pole")
+        pole = Pole(table.number("height", 0.02, 1.0, "m"), table.number("x", 0.05, 100.0, "m"))
+        table.done()
+    poses = _poses(root, joints, duration)
+    present = {"[pole]": pole is not None, "[[poses]]": bool(poses), "cases.goal_time": cases.goal_time is not None}
     task = Task(
         name=root.text("name"),
+        figure=root.text("figure", FIGURES, default="lamp"),
         control_period=root.number("control_period", 0.002, 0.1, "s"),
-        duration=root.number("duration", 0.1, 600.0, "s"),
-        signals=root.text("signals", ("on-board", "all")),
+        timestep=root.number("timestep", 0.0005, 0.01, "s", default=None),
+        duration=duration,
+        signals=_signals(root, joints),
         constants=_pair(root, "constants", -1e6, 1e6),
         seeds=_names(root, "seeds"),
-        cases=Cases(
-            count=cases.integer("count", 1, 1000),
-            low=low,
-            high=cases.number("high", low, 100.0, "m"),
-            spacing=cases.number("spacing", 0.0, 100.0, "m"),
-            lamps=cases.integer("lamps", 1, 1000),
-        ),
-        main=_weights(root.table("main")),
-        style=_weights(root.table("style")),
-        gp=Settings(
-            population=gp.integer("population", 2, 100_000),
-            generations=gp.integer("generations", 1, 100_000),
-            tournament=gp.integer("tournament", 1, 1000),
-            crossover=crossover,
-            mutation=gp.number("mutation", 0.0, 1.0 - crossover, default=0.0),
-            depth_at_birth=(int(shortest), int(tallest)),
-            depth=gp.integer("depth", int(tallest), 100),
-        ),
-        source=read_text(path),
+        cases=cases,
+        pole=pole,
+        poses=poses,
+        main=_weights(root.table("main"), present),
+        style=_weights(root.table("style"), present),
+        gp=_settings(root.table("gp")),
+        source=source,
     )
-    for table in (root, cases, gp):
-        table.done()
+    if isinstance(task.signals, tuple) and "goal_time" in task.signals and cases.goal_time is None:
+        raise root.fail("signals", "goal_time needs cases.goal_time, which the task does not give")
+    root.done()
     return task

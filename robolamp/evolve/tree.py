@@ -22,6 +22,11 @@ _INNER_SHARE = 0.9  # of crossover points are functions, where there are any (Ko
 _CONSTANT_SHARE = 0.25  # of leaves at birth are constants; Koza's ephemeral constant is one terminal among many
 _ATTEMPTS = 20  # to make a genome that is not there yet
 _STEP_RELATIVE, _STEP_RANGE = 0.1, 0.01  # mutation of constants: of the value, and of the range
+_POINT_SHARE = 0.05  # of nodes that point mutation replaces; at least one
+_PEERS = {
+    name: tuple(other.name for other in PRIMITIVES.values() if other.arity == own.arity and other.name != name)
+    for name, own in PRIMITIVES.items()
+}  # which may stand in for it
 
 
 @dataclass(frozen=True)
@@ -29,7 +34,7 @@ class Breeder:
     """Makes genomes.
 
     Attributes:
-        task: Depths and the range of constants.
+        task: Limits of depth and size, and the range of constants.
         terminals: What leaves may read.
         joints: Expressions of a genome.
     """
@@ -57,6 +62,8 @@ class Breeder:
     def population(self, rng: np.random.Generator, count: int) -> list[Genome]:
         """Return a first generation by ramped half-and-half, without twins where they can be avoided.
 
+        One that would be too large is born shallower.
+
         Args:
             rng: Where randomness comes from.
             count: How many genomes.
@@ -81,6 +88,8 @@ class Breeder:
             tokens: list[Token] = []
             self._grow(rng, limit, full, tokens)
             parts.append(Expression(tuple(tokens)))
+        if nodes(parts) > self.task.gp.nodes and limit:
+            return self._born(rng, limit - 1, full)
         return tuple(parts)
 
     def _point(self, rng: np.random.Generator, genome: Genome) -> tuple[int, int]:
@@ -90,7 +99,7 @@ class Breeder:
         return pool[int(rng.integers(len(pool)))]
 
     def crossover(self, rng: np.random.Generator, mother: Genome, father: Genome) -> tuple[Genome, Genome]:
-        """Swap one subtree; a child that grew too deep is replaced by the parent it came from.
+        """Swap one subtree; a child that grew too deep or too large is replaced by the parent it came from.
 
         Args:
             rng: Where randomness comes from.
@@ -105,9 +114,52 @@ class Breeder:
         return son, daughter
 
     def _replaced(self, genome: Genome, joint: int, tokens: tuple[Token, ...]) -> Genome:
-        if depth(tokens) > self.task.gp.depth:
-            return genome
-        return (*genome[:joint], Expression(tokens), *genome[joint + 1 :])
+        child = (*genome[:joint], Expression(tokens), *genome[joint + 1 :])
+        return genome if depth(tokens) > self.task.gp.depth or nodes(child) > self.task.gp.nodes else child
+
+    def subtree_mutation(self, rng: np.random.Generator, genome: Genome) -> Genome:
+        """Replace one subtree by a newly grown one (Koza 1992, section 6.5.1).
+
+        The point is drawn as for crossover; the new subtree is at most as deep as a tree at birth. A child that grew
+        too deep or too large is replaced by its parent.
+
+        Args:
+            rng: Where randomness comes from.
+            genome: The parent.
+        """
+        joint, index = self._point(rng, genome)
+        tokens = genome[joint].tokens
+        grown: list[Token] = []
+        self._grow(rng, int(rng.integers(self.task.gp.depth_at_birth[1] + 1)), False, grown)
+        return self._replaced(genome, joint, (*tokens[:index], *grown, *tokens[subtree_end(tokens, index) :]))
+
+    def point_mutation(self, rng: np.random.Generator, genome: Genome) -> Genome:
+        """Replace nodes by others that take as many arguments (Poli, Langdon & McPhee 2008, section 2.4).
+
+        Each node that has an alternative is replaced with a probability of 5 %; at least one is.
+
+        Args:
+            rng: Where randomness comes from.
+            genome: The parent.
+        """
+        parts = [list(part.tokens) for part in genome]
+        points = [(part, at) for part in parts for at, token in enumerate(part) if _PEERS.get(str(token), True)]
+        struck = rng.random(len(points)) < _POINT_SHARE
+        if not struck.any():
+            struck[rng.integers(len(points))] = True
+        for (part, at), hit in zip(points, struck, strict=True):
+            if hit:
+                part[at] = self._other(rng, part[at])
+        return tuple(Expression(tuple(part)) for part in parts)
+
+    def _other(self, rng: np.random.Generator, token: Token) -> Token:
+        peers = _PEERS.get(str(token))
+        if peers:
+            return peers[int(rng.integers(len(peers)))]
+        leaf = self._leaf(rng)
+        while leaf == token:
+            leaf = self._leaf(rng)
+        return leaf
 
     def mutate_constants(self, rng: np.random.Generator, genome: Genome) -> Genome:
         """Return a genome whose constants have all taken a small Gaussian step.
@@ -121,6 +173,11 @@ class Breeder:
         steps = [_STEP_RELATIVE * abs(value) + _STEP_RANGE * (high - low) for value in values]
         moved = [v + s * float(rng.standard_normal()) for v, s in zip(values, steps, strict=True)]
         return with_constants(genome, moved)
+
+
+def nodes(genome: Sequence[Expression]) -> int:
+    """Return a genome's size: the nodes of all its joints together."""
+    return sum(len(part.tokens) for part in genome)
 
 
 def constants(genome: Genome) -> list[float]:

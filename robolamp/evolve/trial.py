@@ -3,21 +3,47 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.controller.program import compile_program
+from robolamp.controller.program import Program, compile_program
 from robolamp.evolve.cases import poisson_disk
 from robolamp.evolve.fitness import weighted
 from robolamp.evolve.task import Task
 from robolamp.evolve.tree import Genome
-from robolamp.twin.fleet import Fleet, Job
+from robolamp.twin.fleet import Job
+from robolamp.twin.judge import Outcome
+from robolamp.twin.poses import KeyPose
+from robolamp.twin.trace import Trace
 
-_LANES_AT_ONCE = 6000  # about 67 MB of simulation state
+_LANES_AT_ONCE = 6000  # about 67 MB of simulation state, and 200 MB of a trace
+
+MEASURES = ("main", "style", "hit", "hit_1997", "fallen", "hops", "flight_share")
+"""What is kept of a trial, in this order; NaN where a trial was not made."""
+MAIN, STYLE, HIT, HIT_1997, FALLEN, HOPS, FLIGHT_SHARE = range(len(MEASURES))
+
+
+class Evaluator(Protocol):
+    """What can run programs on lamps: a fleet in this process, or a cluster of them."""
+
+    steps: int
+    """Physics steps so far."""
+
+    def run(
+        self,
+        programs: Sequence[Program],
+        jobs: Sequence[Job],
+        duration: float,
+        *,
+        poses: Sequence[KeyPose] = (),
+        record: bool = False,
+    ) -> Outcome:
+        """Run every job to its end; see `robolamp.twin.fleet.Fleet.run`."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -27,10 +53,12 @@ class Case:
     Attributes:
         goal: [m].
         lamp: Index of the fleet's lamp.
+        goal_time: Time commanded for the way [s]; 0: none is.
     """
 
     goal: float
     lamp: int
+    goal_time: float = 0.0
 
 
 def draw_cases(rng: np.random.Generator, task: Task, lamps: int) -> list[Case]:
@@ -45,7 +73,8 @@ def draw_cases(rng: np.random.Generator, task: Task, lamps: int) -> list[Case]:
     cases = []
     for goal in goals:
         others = 1 + rng.permutation(lamps - 1)[: task.cases.lamps - 1] if lamps > 1 else []
-        cases += [Case(float(goal), int(lamp)) for lamp in (0, *others)]
+        limit = float(rng.uniform(*task.cases.goal_time)) if task.cases.goal_time else 0.0
+        cases += [Case(float(goal), int(lamp), limit) for lamp in (0, *others)]
     return cases
 
 
@@ -57,6 +86,7 @@ class Score:
         main: Mean of the main terms over the cases.
         style: Mean of the style terms.
         hits: Cases at rest within 1.5 cm of the goal, upright, at the end.
+        hits_1997: Cases that came within 1.5 cm of the goal.
         falls: Cases that ended in a fall.
         hops: Mean number of hops.
         flight_share: Mean share of the travel in flight (0 where nothing travelled).
@@ -65,58 +95,107 @@ class Score:
     main: NDArray[np.float64]
     style: NDArray[np.float64]
     hits: NDArray[np.int64]
+    hits_1997: NDArray[np.int64]
     falls: NDArray[np.int64]
     hops: NDArray[np.float64]
     flight_share: NDArray[np.float64]
 
+    @classmethod
+    def of(cls, values: NDArray[np.float64]) -> Score:
+        """Return the score of trials.
+
+        Args:
+            values: `MEASURES` of every case, shape (genomes, cases, 7).
+        """
+        mean = values.mean(axis=1)
+        counts = values[:, :, [HIT, HIT_1997, FALLEN]].sum(axis=1).astype(np.int64)
+        return cls(
+            main=mean[:, MAIN],
+            style=mean[:, STYLE],
+            hits=counts[:, 0],
+            hits_1997=counts[:, 1],
+            falls=counts[:, 2],
+            hops=mean[:, HOPS],
+            flight_share=mean[:, FLIGHT_SHARE],
+        )
+
 
 class Trials:
-    """Tries genomes; identical genomes are tried once.
+    """Tries genomes.
 
     Attributes:
         seconds: Wall time spent in trials so far [s].
+        evaluator: The lamps.
 
     Args:
-        fleet: The lamps.
+        evaluator: The lamps.
         task: Weights and duration.
         terminals: What genomes may read.
     """
 
-    def __init__(self, fleet: Fleet, task: Task, terminals: Sequence[str]) -> None:
+    def __init__(self, evaluator: Evaluator, task: Task, terminals: Sequence[str]) -> None:
         self.seconds = 0.0
-        self._fleet = fleet
+        self.evaluator = evaluator
         self._task = task
         self._terminals = terminals
 
-    def score(self, genomes: Sequence[Genome], cases: Sequence[Case]) -> Score:
-        """Try every genome on every case.
+    def program(self, genome: Genome) -> Program:
+        """Return a genome's program."""
+        return compile_program(genome, self._terminals)
+
+    def measure(
+        self, genomes: Sequence[Genome], cases: Sequence[Case], pairs: NDArray[np.int64], *, record: bool = False
+    ) -> Iterator[tuple[slice, NDArray[np.float64], Trace | None]]:
+        """Try genomes on cases, as many at once as memory is good for.
 
         Args:
             genomes: The controllers.
             cases: Goals and lamps.
+            pairs: Which genome on which case, shape (k, 2).
+            record: Whether to keep what the controllers saw and sent.
+
+        Yields:
+            Which of the pairs, their `MEASURES` (shape (m, 7)), and their trace.
         """
-        began = time.perf_counter()
+        task = self._task
+        for start in range(0, len(pairs), _LANES_AT_ONCE):
+            began = time.perf_counter()
+            part = slice(start, min(start + _LANES_AT_ONCE, len(pairs)))
+            used, index = np.unique(pairs[part, 0], return_inverse=True)
+            programs = [self.program(genomes[genome]) for genome in used]
+            jobs = [
+                Job(int(program), cases[case].lamp, cases[case].goal, cases[case].goal_time)
+                for program, case in zip(index, pairs[part, 1], strict=True)
+            ]
+            outcome = self.evaluator.run(programs, jobs, task.duration, poses=task.poses, record=record)
+            values = np.empty((len(jobs), len(MEASURES)))
+            values[:, MAIN] = weighted(outcome, task.main)
+            values[:, STYLE] = weighted(outcome, task.style)
+            values[:, HIT] = outcome.hit
+            values[:, HIT_1997] = outcome.hit_1997
+            values[:, FALLEN] = outcome.fallen
+            values[:, HOPS] = outcome.hops
+            values[:, FLIGHT_SHARE] = np.nan_to_num(outcome.flight_share)
+            self.seconds += time.perf_counter() - began
+            yield part, values, outcome.trace
+
+    def table(self, genomes: Sequence[Genome], cases: Sequence[Case]) -> NDArray[np.float64]:
+        """Try every genome on every case; identical genomes are tried once.
+
+        Args:
+            genomes: The controllers.
+            cases: Goals and lamps.
+
+        Returns:
+            Their `MEASURES`, shape (genomes, cases, 7).
+        """
         unique = list(dict.fromkeys(genomes))
-        columns: list[list[NDArray[Any]]] = [[] for _ in range(6)]
-        batch = max(1, _LANES_AT_ONCE // len(cases))
-        for start in range(0, len(unique), batch):
-            part = unique[start : start + batch]
-            programs = [compile_program(genome, self._terminals) for genome in part]
-            jobs = [Job(index, case.lamp, case.goal) for index in range(len(part)) for case in cases]
-            outcome = self._fleet.run(programs, jobs, self._task.duration)
-            shape = (len(part), len(cases))
-            values = (
-                weighted(outcome, self._task.main).reshape(shape).mean(axis=1),
-                weighted(outcome, self._task.style).reshape(shape).mean(axis=1),
-                outcome.hit.reshape(shape).sum(axis=1),
-                outcome.fallen.reshape(shape).sum(axis=1),
-                outcome.hops.reshape(shape).mean(axis=1),
-                np.nan_to_num(outcome.flight_share).reshape(shape).mean(axis=1),
-            )
-            for column, value in zip(columns, values, strict=True):
-                column.append(value)
-        self.seconds += time.perf_counter() - began
+        pairs = np.stack(np.divmod(np.arange(len(unique) * len(cases)), len(cases)), axis=1)
+        values = np.concatenate([values for _, values, _ in self.measure(unique, cases, pairs)])
         place = {genome: index for index, genome in enumerate(unique)}
-        index = np.array([place[genome] for genome in genomes])
-        main, style, hits, falls, hops, flight_share = (np.concatenate(column)[index] for column in columns)
-        return Score(main, style, hits, falls, hops, flight_share)
+        values = values.reshape(len(unique), len(cases), len(MEASURES))
+        return values[[place[genome] for genome in genomes]]
+
+    def score(self, genomes: Sequence[Genome], cases: Sequence[Case]) -> Score:
+        """Return the score of every genome, tried on every case; see `table`."""
+        return Score.of(self.table(genomes, cases))

@@ -6,10 +6,12 @@ import warnings
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from robolamp.evolve.race import fitness
 from robolamp.evolve.task import Task
 from robolamp.evolve.tree import Genome, constants, with_constants
-from robolamp.evolve.trial import Score, Trials, draw_cases
+from robolamp.evolve.trial import Trials, draw_cases
 
 _STEP_RELATIVE, _STEP_RANGE = 0.1, 0.02  # first step of each constant: of its value, and of the task's range
 
@@ -21,7 +23,8 @@ def tune(
     lamps: int,
     iterations: int,
     seed: int,
-    progress: Callable[[int, Sequence[Genome], Score], None],
+    told: Sequence[Sequence[float]],
+    progress: Callable[[int, Sequence[Genome], NDArray[np.float64]], None],
 ) -> Genome:
     """Return a genome with better constants, or the same one where there are none to tune.
 
@@ -36,7 +39,9 @@ def tune(
         lamps: Lamps of the fleet.
         iterations: How many.
         seed: Where randomness comes from.
-        progress: Called after each iteration with its number, what it tried and how that scored.
+        told: Fitnesses of the iterations that were done before, by a run that is resumed: not simulated again.
+        progress: Called after each new iteration with its number, what it tried and the `MEASURES` of that, shape
+            (genomes, cases, 7).
     """
     start, tied = np.unique(constants(genome), return_inverse=True)
     if not len(start) or iterations < 1:
@@ -52,8 +57,12 @@ def tune(
     for iteration in range(iterations):
         steps = search.ask()
         candidates = [with_constants(genome, (start + scale * step)[tied].tolist()) for step in steps]
-        score = trials.score(candidates, draw_cases(rng, task, lamps))
-        search.tell(steps, (score.main + score.style).tolist())
-        progress(iteration, candidates, score)
+        cases = draw_cases(rng, task, lamps)
+        if iteration < len(told):
+            search.tell(steps, list(told[iteration]))
+            continue
+        values = trials.table(candidates, cases)
+        search.tell(steps, fitness(values, 1.0).tolist())
+        progress(iteration, candidates, values)
     mean = np.asarray(search.result.xfavorite)
     return with_constants(genome, (start + scale * mean)[tied].tolist())

@@ -41,6 +41,9 @@ def call(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, 
     return int(ended.value.code or 0), out, err
 
 
+VERBS = ("dry-run", "deploy", "emulate", "evolve", "explain", "score", "study", "compare", "render")
+
+
 def test_help_names_every_verb_and_loads_nothing_heavy() -> None:
     code = (
         "import sys; from robolamp.cli.main import main\n"
@@ -48,12 +51,12 @@ def test_help_names_every_verb_and_loads_nothing_heavy() -> None:
         "print(sorted({'mujoco', 'numba', 'numpy', 'serial', 'matplotlib'} & set(sys.modules)), code)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    for verb in ("dry-run", "deploy", "emulate", "evolve", "score", "compare", "render"):
+    for verb in VERBS:
         assert verb in done.stdout
     assert done.stdout.rstrip().endswith("[] 0")
 
 
-@pytest.mark.parametrize("verb", ["dry-run", "deploy", "emulate", "evolve", "score", "compare", "render"])
+@pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_explains_itself(capsys: pytest.CaptureFixture[str], verb: str) -> None:
     code, out, err = call(capsys, verb, "--help")
     assert (code, err) == (0, "")
@@ -142,6 +145,7 @@ def bad_inputs() -> list:
     broken = CONTROLLER.replace('ankle = "0"', 'ankle = "(+ 0"')
     unknown = CONTROLLER.replace('ankle = "0"', 'ankle = "q7"')
     period = CONTROLLER.replace('name = "nod"', 'name = "nod"\ncontrol_period = 0.003')
+    timed = CONTROLLER.replace('ankle = "0"', 'ankle = "(* 0.1 goal_time)"')
     sees = CONTROLLER.replace('ankle = "0"', 'ankle = "px"')
     return [
         pytest.param(words, files, message, id=message[:40])
@@ -157,11 +161,30 @@ def bad_inputs() -> list:
             ("hop --goals 0.1:0.2:" + "1" * 5000, {}, "is not LOW:HIGH:COUNT"),
             ("hop --spread 0.5", {}, "--spread: is for lamps that are drawn; give --lamps, too"),
             ("hop --seed 4", {}, "--seed: is for lamps that are drawn; give --lamps, too"),
+            ("hop --pole low", {}, "--pole: 'low' is not a length above 0.02 m and up to 1 m"),
+            ("hop --pole 1cm", {}, "--pole: '1cm' is not a length above 0.02 m and up to 1 m"),
+            ("hop --pole 0.2 --pole-at 9cm", {}, "--pole-at: '9cm' is not a length above 0.1 m and up to 5 m"),
+            ("hop --pole-at 0.3", {}, "--pole-at: is where a pole is; give its height by --pole, too"),
+            ("hop --goal-time 0", {}, "Must be a number from 0.1 to 600 (seconds)."),
+            ("hop --goal-time nan", {}, "Must be a number from 0.1 to 600 (seconds)."),
+            (
+                "c.toml",
+                {"c.toml": timed},
+                "nod: joints.ankle: reads goal_time, the time to take; give it by --g",
+            ),
+            ("render c.toml -o c.png", {"c.toml": timed}, "nod: joints.ankle: reads goal_time"),
+            ("dry-run c.toml --goal 0.3", {"c.toml": timed}, "nod: joints.ankle: reads goal_time"),
+            ("deploy c.toml --goal 0.3", {"c.toml": timed}, "nod: joints.ankle: reads goal_time"),
+            ("render log.mcap -o c.png --pole 0.2", {}, "--pole: is for a controller; no log has a pole"),
             ("hop --lamp=", {}, "--lamp: is empty; expected a value"),
             ("hop --lamp " + "x" * 300, {}, "File name too long"),
             ("hop --lamp .", {"hardware/lamp.toml/x": ""}, "hardware/lamp.toml: is a folder; expected a file"),
             ("compare .", {}, ".: is a folder; expected a log (.mcap)"),
-            ("evolve spread -o run", {}, "spread: no such task; give a file, or one of: hop, travel"),
+            (
+                "evolve spread -o run",
+                {},
+                "spread: no such task; give a file, or one of: hop, hop-sighted, limbo,",
+            ),
             ("evolve hop -o " + "x" * 300, {}, "File name too long"),
             ("dry-run hop --goal 0.3 -o " + "x" * 300, {}, "File name too long"),
             ("deploy hop --goal 0.3 --lamp .", {"hardware/lamp.toml": NO_PORT}, "bus.port: '' is not a serial port"),

@@ -17,10 +17,11 @@ from robolamp.compare.tolerances import load_tolerances
 from robolamp.controller.file import load_controller
 from robolamp.controller.primitives import PRIMITIVES
 from robolamp.controller.program import compile_program
-from robolamp.controller.terminals import TWIN_ONLY, all_terminals, on_board_terminals
+from robolamp.controller.terminals import OPTIONAL, TWIN_ONLY, all_terminals, on_board_terminals
 from robolamp.dynamixel.registers import BAUD_CODES, MODELS, RAD_PER_COUNT
+from robolamp.errors import ExpressionError
 from robolamp.evolve.fitness import terms
-from robolamp.evolve.task import load_task
+from robolamp.evolve.task import Cases, Settings, Task, load_task
 from robolamp.lamp import load_lamp
 from robolamp.twin.spread import load_spread
 
@@ -112,6 +113,15 @@ def test_task_loads_and_its_keys_are_explained(path: Path) -> None:
             assert key in explained
 
 
+def test_every_key_of_a_task_is_explained() -> None:
+    explained = {key for row in table(TASKS, "key", "unit, range") for key in split(row[0])}
+    assert {f"gp.{name}" for name in Settings.__dataclass_fields__} <= explained
+    assert {f"cases.{name}" for name in Cases.__dataclass_fields__} <= explained
+    assert {
+        name for name in Task.__dataclass_fields__ if name not in ("main", "style", "source", "gp", "cases", "pole")
+    } <= explained
+
+
 def test_every_shipped_fitness_term_is_explained() -> None:
     shipped = {name for name, function in terms().items() if function.__module__ == "robolamp.evolve.fitness"}
     assert {row[0] for row in table(TASKS, "term")} == shipped
@@ -124,7 +134,8 @@ def test_terminals_are_explained() -> None:
     rows = [(split(row[0]), row[3]) for row in table(CONTROLLERS, "terminal", "unit")]
     assert tuple(name for names, _ in rows for name in names) == all_terminals(3)
     for names, where in rows:
-        assert set(names) <= set(TWIN_ONLY) if where == "twin only" else set(names) <= set(on_board_terminals(3))
+        kinds = {"twin only": TWIN_ONLY, "optional": OPTIONAL, "yes": on_board_terminals(3)}
+        assert set(names) <= set(kinds[where])
 
 
 def test_functions_are_explained() -> None:
@@ -147,8 +158,16 @@ def test_example_controller_bows(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "sim/lamp/controllers").glob("*.toml")), ids=lambda path: path.stem)
-def test_shipped_controller_runs_on_the_lamp(path: Path) -> None:
-    controller = load_controller(path, load_lamp(Assets()), on_board=True)
+def test_shipped_controller_runs_on_the_lamp_unless_its_name_says_otherwise(path: Path) -> None:
+    lamp = load_lamp(Assets())
+    controller = load_controller(path, lamp)
+    needs = set(controller.terminals) & set(TWIN_ONLY)
+    assert bool(needs) == (path.stem.startswith(("luxo-1997", "limbo")) or path.stem.endswith("-sighted"))
+    if needs:
+        with pytest.raises(ExpressionError, match="which this lamp cannot supply"):
+            load_controller(path, lamp, on_board=True)
+    else:
+        load_controller(path, lamp, on_board=True)
     assert controller.name == path.stem
     assert controller.provenance or not controller.task, "an evolved controller says where it comes from"
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from robolamp.errors import RobolampError
 from robolamp.evolve.cases import poisson_disk
-from robolamp.evolve.selection import tournament
+from robolamp.evolve.selection import draw_tournament, winner
 from robolamp.evolve.task import load_task
 from robolamp.evolve.trial import draw_cases
 
@@ -19,7 +19,8 @@ def test_a_tournament_is_won_as_often_as_theory_says(size: int) -> None:
     """The i-th best of n wins with ((n - i + 1)^k - (n - i)^k) / n^k (drawn with replacement)."""
     rng, n, draws = np.random.default_rng(5), 10, 20_000
     fitness = np.random.default_rng(6).permutation(n).astype(float)
-    wins = np.bincount([int(fitness[tournament(rng, fitness, size)]) for _ in range(draws)], minlength=n) / draws
+    winners = [winner(fitness, draw_tournament(rng, n, size)) for _ in range(draws)]
+    wins = np.bincount(fitness[winners].astype(int), minlength=n) / draws
     rank = np.arange(n)
     expected = ((n - rank) ** size - (n - rank - 1) ** size) / n**size
     np.testing.assert_allclose(wins, expected, atol=4 * np.sqrt(0.25 / draws))

@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from robolamp.controller.terminals import all_terminals, on_board_terminals
-from robolamp.errors import FileError
+from robolamp.errors import FileError, RobolampError
 from robolamp.evolve.task import load_task
+from robolamp.twin.model import Pole
 
 from .parts import ASSETS, TINY, task
 
@@ -26,7 +27,49 @@ def test_what_a_task_says(tmp_path: Path) -> None:
     assert loaded.main == {"distance": 1.0, "fall": 2.0}
     assert loaded.gp.depth_at_birth == (2, 4)
     assert loaded.terminals(3) == on_board_terminals(3)
-    assert task(tmp_path, ('"on-board"', '"all"')).terminals(3) == all_terminals(3)
+    seen = task(tmp_path, ('"on-board"', '"all"')).terminals(3)
+    assert seen == tuple(name for name in all_terminals(3) if name != "goal_time")
+    assert task(tmp_path, ('"on-board"', '["a0", "px"]')).terminals(3) == ("a0", "px")
+    timed = task(tmp_path, ('"on-board"', '"all"'), ("lamps = 1", "lamps = 1\ngoal_time = [1, 3]"))
+    assert timed.terminals(3) == all_terminals(3)
+
+
+def test_the_tableau_of_the_paper() -> None:
+    """Gritz & Hahn (1997), Table 1, and section 4's best parameters."""
+    loaded = load_task(ASSETS, "luxo-1997")
+    assert loaded.signals == ("t", "a0", "a1", "a2", "s0", "px", "py", "pz", "vx", "vy", "vz", "goal_met", "goal_dist")
+    assert (loaded.constants, loaded.cases.count, loaded.duration) == ((-30.0, 30.0), 6, 5.0)
+    gp, tuned = loaded.gp, load_task(ASSETS, "luxo-1997-tuned").gp
+    assert (gp.population, gp.generations, gp.tournament, gp.crossover) == (400, 50, 6, 0.9)
+    assert (tuned.population, tuned.generations, tuned.tournament, tuned.crossover) == (250, 30, 6, 0.8)
+    assert loaded.main == {"distance": 1.0}
+    assert loaded.style == {"arrival": 0.33, "travel_after": 0.33, "posture": 0.33, "fall": 1.0}
+
+
+def test_overrides_change_the_task_and_its_text(tmp_path: Path) -> None:
+    changes = (
+        "gp.population=7",
+        "gp.selection=lexicase",
+        'signals=["t"]',
+        "style.fall = 1.5",
+        "pole.height=0.2",
+        "pole.x=0.2",
+    )
+    loaded = load_task(ASSETS, "luxo-1997", overrides=changes)
+    assert (loaded.gp.population, loaded.gp.selection, loaded.signals) == (7, "lexicase", ("t",))
+    assert (loaded.style["fall"], loaded.pole) == (1.5, Pole(0.2, 0.2))
+    assert "# the ephemeral random constant" in loaded.source
+    again = tmp_path / "again.toml"
+    again.write_text(loaded.source)
+    assert load_task(ASSETS, again) == loaded
+
+
+@pytest.mark.parametrize(
+    "text", ["", "=", "gp.population", "gp.population=", ".=1", "gp..x=1", "name.x=1", "gp.depth=[1"]
+)
+def test_an_override_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(RobolampError, match="--set"):
+        load_task(ASSETS, "luxo-1997", overrides=[text])
 
 
 @pytest.mark.parametrize(
@@ -44,7 +87,28 @@ def test_what_a_task_says(tmp_path: Path) -> None:
         ("count = 1", "counts = 1", "cases.count: missing"),
         ("posture = 0.33", "elegance = 1", "style.elegance: unknown fitness term; expected one of distance,"),
         ("posture = 0.33", "posture = -1", "style.posture: -1 is not a number from 0 to 1000"),
-        ("mutation = 0.2", "mutation = 0.4", "gp.mutation: 0.4 is not a number from 0 to 0.3"),
+        ("_mutation = 0.2", "_mutation = 0.4", "gp.constant_mutation: 0.4 is not a number from 0 to 0.3"),
+        ('"on-board"', '["t", "telepathy"]', "signals: unknown 'telepathy'; expected some of t a0"),
+        ('"on-board"', "[]", "signals: [] is not a list of different terminals"),
+        ('"on-board"', '["t", "goal_time"]', "signals: goal_time needs cases.goal_time, which the task does not give"),
+        ('"on-board"', "3", "signals: 3 is not one of on-board, all"),
+        ("posture = 0.33", "pole = 1", "style.pole: needs [pole], which the task does not give"),
+        ("posture = 0.33", "pose = 1", "style.pose: needs [[poses]], which the task does not give"),
+        ("posture = 0.33", "timing = 1", "style.timing: needs cases.goal_time, which the task does not give"),
+        ("[main]", "[pole]\nheight = 9\nx = 0.2\n[main]", "pole.height: 9 is not a number from 0.02 to 1 m"),
+        ("[main]", "[[poses]]\ntime = 0.1\nangles = [1]\n[main]", "poses[0].angles: [1] is not 3 angles"),
+        (
+            "[main]",
+            "[[poses]]\ntime = 9\nangles = [0, 0, 0]\n[main]",
+            "poses[0].time: 9 is not a number from 0 to 0.6 s",
+        ),
+        ("lamps = 1", "lamps = 1\ngoal_time = [3, 1]", "cases.goal_time: [3, 1] is not two rising numbers"),
+        (
+            "tournament = 3",
+            'selection = "nepotism"',
+            "gp.selection: 'nepotism' is not one of tournament, proportionate",
+        ),
+        ('name = "tiny"', 'name = "tiny"\nfigure = "cat"', "figure: 'cat' is not one of lamp"),
         ("tournament = 3", "tournament = 0", "gp.tournament: 0 is not a whole number from 1 to 1000"),
         (
             "depth_at_birth = [2, 4]",

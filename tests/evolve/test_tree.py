@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robolamp.controller.expression import Expression, depth, parse
+from robolamp.controller.expression import Expression, depth, parse, subtree_end
+from robolamp.controller.primitives import PRIMITIVES
 from robolamp.controller.terminals import on_board_terminals
 from robolamp.evolve.task import load_task
 from robolamp.evolve.tree import Breeder, Genome, constants, with_constants
@@ -27,6 +28,10 @@ def valid(genome: Genome) -> None:
     for part in genome:
         assert parse(str(part), TERMINALS) == part
         assert depth(part.tokens) <= LIMIT
+
+
+def size(genome: Genome) -> int:
+    return sum(len(part.tokens) for part in genome)
 
 
 def counted(*genomes: Genome) -> Counter:
@@ -136,3 +141,113 @@ def test_constants_are_replaced_in_the_order_they_are_written() -> None:
     assert constants(genome) == [1, 2, 3, 4]
     new = with_constants(genome, [0.123456789, -5e-7, 30.0, 1 / 3])
     assert [str(part) for part in new] == ["(+ 0.12346 t)", "-5e-07", "(- (* 30 0.33333) a0)"]
+
+
+OPERATORS: dict[str, Callable[[Breeder, np.random.Generator, Genome, Genome], tuple[Genome, ...]]] = {
+    "crossover": Breeder.crossover,
+    "subtree": lambda breeder, rng, mother, _: (breeder.subtree_mutation(rng, mother),),
+    "point": lambda breeder, rng, mother, _: (breeder.point_mutation(rng, mother),),
+    "constants": lambda breeder, rng, mother, _: (breeder.mutate_constants(rng, mother),),
+}
+
+
+@pytest.fixture(scope="module")
+def narrow(tmp_path_factory: pytest.TempPathFactory) -> Breeder:
+    """Limits that are met at once."""
+    changes = (("depth_at_birth = [2, 4]", "depth_at_birth = [1, 4]"), ("depth = 6", "depth = 5\nnodes = 40"))
+    return Breeder(task(tmp_path_factory.mktemp("narrow"), *changes), TERMINALS, 3)
+
+
+@given(seeds, st.lists(st.sampled_from(list(OPERATORS)), min_size=1, max_size=12))
+def test_whatever_is_done_to_genomes_they_stay_well_formed_and_within_limits(
+    narrow: Breeder, seed: int, names: list[str]
+) -> None:
+    rng = np.random.default_rng(seed)
+    mother, father = narrow.population(rng, 2)
+    for name in names:
+        for child in (father, *OPERATORS[name](narrow, rng, mother, father)):
+            assert len(child) == 3
+            assert size(child) <= 40
+            for part in child:
+                assert parse(str(part), TERMINALS) == part
+                assert depth(part.tokens) <= 5
+            mother, father = child, mother
+
+
+def test_those_that_would_be_born_too_large_are_born_shallower(narrow: Breeder) -> None:
+    born = narrow.population(np.random.default_rng(6), 200)
+    sizes = [size(genome) for genome in born]
+    assert max(sizes) <= 40
+    assert len(set(born)) == 200
+    assert np.mean(sizes) > 15
+
+
+def test_a_child_that_grew_too_large_is_the_parent_it_came_from(narrow: Breeder) -> None:
+    rng = np.random.default_rng(7)
+    full = "(+ (+ (+ t t) (+ t t)) (+ (+ t t) t))"  # 13 nodes
+    mother: Genome = (parse(full, TERMINALS),) * 3
+    grown = [child for _ in range(300) for child in narrow.crossover(rng, mother, mother)]
+    grown += [narrow.subtree_mutation(rng, mother) for _ in range(300)]
+    assert max(size(child) for child in grown) <= 40
+    assert 0 < sum(child == mother for child in grown) < len(grown)
+
+
+@given(seeds)
+def test_subtree_mutation_replaces_one_subtree(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    (genome,) = BREEDER.population(rng, 1)
+    child = BREEDER.subtree_mutation(rng, genome)
+    valid(child)
+    changed = [(old.tokens, new.tokens) for old, new in zip(genome, child, strict=True) if old != new]
+    assert len(changed) <= 1
+    for old, new in changed:
+        assert any(
+            old[:start] == new[:start] and old[subtree_end(old, start) :] == new[subtree_end(new, start) :]
+            for start in range(min(len(old), len(new)))
+        )
+
+
+def test_new_subtrees_are_leaves_and_trees_as_deep_as_at_birth() -> None:
+    rng = np.random.default_rng(8)
+    leaf: Genome = (parse("t", TERMINALS),) * 3
+    depths = Counter(max(depth(part.tokens) for part in BREEDER.subtree_mutation(rng, leaf)) for _ in range(2000))
+    assert set(depths) == set(range(BREEDER.task.gp.depth_at_birth[1] + 1))
+
+
+@given(seeds)
+def test_point_mutation_keeps_the_shape_and_changes_at_least_one_node(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    (genome,) = BREEDER.population(rng, 1)
+    child = BREEDER.point_mutation(rng, genome)
+    valid(child)
+    assert child != genome
+    arity: Callable[[Genome], list[int]] = lambda g: [  # noqa: E731
+        PRIMITIVES[token].arity if token in PRIMITIVES else 0 for part in g for token in part.tokens
+    ]
+    assert arity(child) == arity(genome)
+
+
+def test_point_mutation_replaces_one_node_in_twenty() -> None:
+    rng = np.random.default_rng(9)
+    text = "(+ (* a0 a1) (- t 1))"  # every node has an alternative
+    genome: Genome = (parse(f"(- {text} (% {text} {text}))", TERMINALS),) * 3
+    changed = [
+        sum(
+            a != b
+            for old, new in zip(genome, BREEDER.point_mutation(rng, genome), strict=True)
+            for a, b in zip(old.tokens, new.tokens, strict=True)
+        )
+        for _ in range(1000)
+    ]
+    nodes = size(genome)
+    assert min(changed) == 1
+    assert np.mean(changed) == pytest.approx(0.05 * nodes + 0.95**nodes, rel=0.06)
+
+
+def test_an_ifltz_without_peers_is_left_alone() -> None:
+    rng = np.random.default_rng(10)
+    genome: Genome = (parse("(ifltz t a0 a1)", TERMINALS),) * 3
+    for _ in range(100):
+        child = BREEDER.point_mutation(rng, genome)
+        assert child != genome
+        assert all(part.tokens[0] == "ifltz" and len(part.tokens) == 4 for part in child)

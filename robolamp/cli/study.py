@@ -1,0 +1,160 @@
+"""`robolamp study`: the paper's convergence studies, run, drawn and judged."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter, validators
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+
+from robolamp.cli.options import Setup
+from robolamp.cli.output import counted, print_json
+from robolamp.errors import RobolampError
+from robolamp.evolve.run import Generation
+from robolamp.evolve.study import STUDIES, Order, chosen_points, orders, settled
+from robolamp.evolve.study_report import Report, Reporter
+from robolamp.evolve.study_runs import Scale, Shelf, carry_out
+
+_SPEED_OVER = 3600.0  # time left is reckoned from this long a while [s]: runs differ
+_ALL = "all"
+
+
+def study(
+    which: str,
+    /,
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("runs/studies"),
+    seeds: Annotated[int, Parameter(validator=validators.Number(gte=1, lte=1000))] = 3,
+    points: str = "paper",
+    settings: Annotated[list[str] | None, Parameter(name="--set", negative="")] = None,
+    report: Path | None = None,
+    draw_only: Annotated[bool, Parameter(negative="")] = False,
+    workers: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
+    calibration: str = "nominal",
+    lamp: Path | None = None,
+    as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> int:
+    """Run the convergence studies of the 1997 paper, draw them, and say which of its claims hold for this lamp.
+
+    Parameters
+    ----------
+    which
+        population, generations, selection, crossover (Figures 5 to 8), tuned, specific, distance, or all of them.
+    output
+        Folder of the runs. What is finished there is not run again; what was stopped goes on.
+    seeds
+        Runs of every point, from seeds 1, 2, ...
+    points
+        Which values of the figure's axis: paper (all), small (three or four), or some, as 50,200,400.
+    settings
+        KEY=VALUE: change a key of the task luxo-1997 for all runs, as --set timestep=0.004 --set duration=3.
+    report
+        The page to write (Markdown), pictures and data in a folder beside it; OUTPUT/studies.md unless given.
+    draw_only
+        Run nothing: only write the report. (It shows all finished runs, also of points and seeds not asked for.)
+    workers
+        Threads; without it, one a core.
+    calibration
+        The twin's numbers: a file, or a name in calibration/.
+    lamp
+        A folder of your own lamp, laid out like robolamp's (sim/, hardware/, calibration/).
+    as_json
+        Print one JSON object instead of progress and prose.
+    """
+    if which not in (*STUDIES, _ALL):
+        raise RobolampError(f"{which!r} is not one of {', '.join(STUDIES)}, {_ALL}", "study")
+    if which == _ALL and points not in ("paper", "small"):
+        raise RobolampError(f"{points!r}: all studies together take paper or small", "--points")
+    names = list(STUDIES) if which == _ALL else [which]
+    chosen = {name: chosen_points(STUDIES[name], points) for name in names}
+    page = output / "studies.md" if report is None else report
+    if page.suffix != ".md":
+        raise RobolampError(f"{str(page)!r} does not end in .md", "--report")
+    setup, shelf = Setup.of(lamp, calibration), Shelf(output)
+    scale = shelf.scale() if draw_only and not settings else Scale.of(setup.assets, setup.calibration, settings or ())
+    if scale is None:
+        raise RobolampError("holds no runs of studies yet", str(output))
+    every = {
+        name: {point: settled(STUDIES[name], point, setup.assets, scale.settings) for point in STUDIES[name].points}
+        for name in names
+    }
+    wanted = orders([every[name][point] for name in names for point in chosen[name]], seeds)
+    if draw_only:
+        shelf.check(Scale.of(setup.assets, setup.calibration, scale.settings))
+    else:
+        with shelf.alone():
+            shelf.claim(scale)
+            _run(wanted, shelf, setup, scale, workers, quiet=as_json)
+    reporter = Reporter(shelf, scale, setup.lamp, setup.calibration, setup.assets, workers)
+    result = reporter.write(page, every, _command(which, output, seeds, points, scale))
+    finished = sum(shelf.curve(order) is not None for order in wanted)
+    if as_json:
+        print_json(
+            {
+                "report": result.path,
+                "pictures": result.pictures,
+                "runs": len(wanted),
+                "finished": finished,
+                "verdicts": [vars(verdict) for verdict in result.verdicts],
+            }
+        )
+        return 0
+    _print(result, finished, len(wanted))
+    return 0
+
+
+def _run(
+    wanted: Sequence[Order], shelf: Shelf, setup: Setup, scale: Scale, workers: int | None, *, quiet: bool
+) -> None:
+    missing = [order for order in wanted if shelf.curve(order) is None]
+    columns = (  # within 80 characters, the longest name included
+        TextColumn("{task.description}"), BarColumn(9), TextColumn("{task.fields[count]}"), TextColumn("left"),
+        TimeRemainingColumn(),
+    )  # fmt: skip
+    bar = Progress(*columns, console=Console(stderr=True, quiet=quiet), speed_estimate_period=_SPEED_OVER)
+    left = {order: order.point.generations - shelf.generations(order) for order in missing}
+    lanes = {order: order.point.population * order.point.cases for order in missing}
+    whole = bar.add_task("all runs", total=sum(left[order] * lanes[order] for order in missing), count="")
+    warned: set[str] = set()
+
+    def warn(line: str) -> None:
+        if line not in warned:
+            bar.console.print(f"warning: {line}", highlight=False, markup=False)
+        warned.add(line)
+
+    done = len(wanted) - len(missing)
+    with bar:
+        for order in missing:
+            bar.update(whole, count=f"{done} of {counted(len(wanted), 'run')}")
+            total = order.point.generations
+            row = bar.add_task(order.name, total=total, completed=total - left[order], count="")
+
+            def show(entry: Generation, row: TaskID = row, lanes: int = lanes[order], total: int = total) -> None:
+                best = f"{entry.generation + 1}/{total} best {entry.champion_fitness:.2f}"
+                bar.update(row, completed=entry.generation + 1, count=best)
+                bar.advance(whole, lanes)
+
+            carry_out(order, shelf, scale, setup.lamp, setup.calibration, setup.assets, workers, show, warn)
+            bar.remove_task(row)
+            done += 1
+        bar.update(whole, count=f"{done} of {counted(len(wanted), 'run')}")
+
+
+def _command(which: str, output: Path, seeds: int, points: str, scale: Scale) -> str:
+    """The command as typed, but for what a machine would not share: an absolute folder is named by its last part."""
+    folder = output.name if output.is_absolute() else str(output)
+    words = ["robolamp", "study", which, "-o", folder, "--seeds", str(seeds), "--points", points]
+    for setting in scale.settings:
+        words += ["--set", setting]
+    return shlex.join(words)
+
+
+def _print(result: Report, finished: int, wanted: int) -> None:
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    for verdict in result.verdicts:
+        console.print(f"{verdict.claim} This lamp: {verdict.verdict}.")
+    console.print(f"{finished} of {counted(wanted, 'run')} finished. Report: {result.path}")

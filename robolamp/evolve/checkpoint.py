@@ -1,0 +1,109 @@
+"""Checkpoints: everything that decides how a run goes on, in one JSON file that is replaced whole."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robolamp.controller.expression import parse
+from robolamp.errors import ExpressionError, FileError
+from robolamp.evolve.tree import Genome
+from robolamp.files import read_text, write_atomic
+
+NAME = "checkpoint.json"
+"""The file's name in a run's folder."""
+_SCHEMA = 1
+
+
+@dataclass
+class Checkpoint:
+    """A run between two generations, or between two iterations of tuning.
+
+    Attributes:
+        stage: "evolution", "tuning" or "done".
+        generation: The next one to be evaluated.
+        population: Its individuals.
+        mothers: For each individual the index in `parents` of whom it has most from; -1: nobody.
+        parents: What the population was bred from.
+        promise: What fitness is expected of each individual.
+        known: `MEASURES` on every case of the programs that are remembered, by key.
+        traced: Programs whose runs are remembered: made again when the run goes on.
+        champion: The best individual so far.
+        champion_fitness: Its fitness at full phase; infinite while there is none.
+        candidates: The best of each generation, where cases are drawn anew for each.
+        told: Fitnesses of each iteration of tuning.
+        totals: Running totals: individuals, physics steps, seconds, trials.
+        lines: Lines of progress.jsonl.
+        rng: States of the random generators, by name.
+    """
+
+    stage: str = "evolution"
+    generation: int = 0
+    population: list[Genome] = field(default_factory=list)
+    mothers: list[int] = field(default_factory=list)
+    parents: list[Genome] = field(default_factory=list)
+    promise: list[float] = field(default_factory=list)
+    known: dict[Genome, NDArray[np.float64]] = field(default_factory=dict)
+    traced: list[Genome] = field(default_factory=list)
+    champion: Genome | None = None
+    champion_fitness: float = float("inf")
+    candidates: list[Genome] = field(default_factory=list)
+    told: list[list[float]] = field(default_factory=list)
+    totals: dict[str, float] = field(default_factory=dict)
+    lines: int = 0
+    rng: dict[str, Any] = field(default_factory=dict)
+
+
+def _texts(genome: Genome) -> list[str]:
+    return [str(part) for part in genome]
+
+
+def save_checkpoint(checkpoint: Checkpoint, folder: Path) -> None:
+    """Write a checkpoint, atomically.
+
+    Raises:
+        FileError: It cannot be written; the one before is whole.
+    """
+    data = dict(vars(checkpoint))
+    for name in ("population", "parents", "traced", "candidates"):
+        data[name] = [_texts(genome) for genome in data[name]]
+    data["champion"] = None if checkpoint.champion is None else _texts(checkpoint.champion)
+    data["known"] = [[_texts(genome), values.tolist()] for genome, values in checkpoint.known.items()]
+    write_atomic(folder / NAME, json.dumps({"schema": _SCHEMA, **data}))
+
+
+def load_checkpoint(folder: Path, terminals: Sequence[str]) -> Checkpoint:
+    """Read a checkpoint.
+
+    Args:
+        folder: The run's folder.
+        terminals: What its genomes may read.
+
+    Raises:
+        FileError: There is none, or it is damaged.
+    """
+    path = folder / NAME
+    text = read_text(path)
+
+    def genome(texts: Sequence[str]) -> Genome:
+        return tuple(parse(part, terminals, str(path)) for part in texts)
+
+    try:
+        data: Mapping[str, Any] = json.loads(text)
+        if data["schema"] != _SCHEMA:
+            raise FileError(f"schema {data['schema']!r} is not {_SCHEMA}", str(path))
+        fields = {name: data[name] for name in Checkpoint.__dataclass_fields__}
+        for name in ("population", "parents", "traced", "candidates"):
+            fields[name] = [genome(texts) for texts in fields[name]]
+        fields["champion"] = None if fields["champion"] is None else genome(fields["champion"])
+        fields["known"] = {genome(texts): np.array(values) for texts, values in fields["known"]}
+        fields["promise"] = [float(value) for value in fields["promise"]]
+        return Checkpoint(**fields)
+    except (ValueError, KeyError, TypeError, AttributeError, ExpressionError) as error:
+        raise FileError(f"is damaged: {type(error).__name__}: {error}", str(path)) from None

@@ -1,0 +1,256 @@
+"""The folder that keeps the runs of studies, all at one scale: what each came to, and how what is missing is run."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import re
+import shlex
+import shutil
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robolamp.assets import Assets
+from robolamp.calibration import Calibration
+from robolamp.errors import FileError
+from robolamp.evolve.checkpoint import NAME as CHECKPOINT
+from robolamp.evolve.run import Generation, evolve, resume
+from robolamp.evolve.study import TASK, Order, Point
+from robolamp.evolve.task import load_task
+from robolamp.files import read_text, write_atomic
+from robolamp.lamp import Lamp
+
+_COLUMNS = ("individuals", "best_fitness", "best_whole", "champion_fitness", "physics_steps")
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The course of a run; arrays have shape (generations,).
+
+    Attributes:
+        individuals: Examined so far, the paper's measure of work.
+        as_run: Fitness of the best of the generation at that generation's phase.
+        whole: Fitness of the same individual at phase 1.
+        champion: Best fitness at phase 1 so far in the run: of the controller that it leaves.
+        physics_steps: Simulated steps so far.
+    """
+
+    individuals: NDArray[np.int64]
+    as_run: NDArray[np.float64]
+    whole: NDArray[np.float64]
+    champion: NDArray[np.float64]
+    physics_steps: NDArray[np.int64]
+
+    @property
+    def final(self) -> float:
+        """Fitness of the run's champion, at phase 1."""
+        return float(self.champion[-1])
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What all runs of a folder have in common.
+
+    Attributes:
+        settings: What `--set` changes of the task, each as KEY=VALUE, sorted.
+        calibration: Name of the twin's numbers.
+        inputs: The task as read, and the hash of the calibration, by name.
+    """
+
+    settings: tuple[str, ...]
+    calibration: str
+    inputs: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, assets: Assets, calibration: Calibration, words: Sequence[str]) -> Scale:
+        """Return the scale of runs to be made.
+
+        Raises:
+            RobolampError: No task comes of the words.
+        """
+        settings = tuple(sorted(words))
+        task = tomllib.loads(load_task(assets, TASK, overrides=settings).source)
+        return cls(settings, calibration.name, {"task": task, "calibration_sha256": calibration.hash})
+
+
+class Shelf:
+    """The runs of a folder.
+
+    Attributes:
+        runs: The folder that holds a folder for each run.
+
+    Args:
+        folder: As typed; the runs are in a folder of it that is named after their task.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.runs = folder / TASK
+        self._scale = self.runs / "scale.json"
+
+    def scale(self) -> Scale | None:
+        """Return what the runs here were made with; None where there is none yet.
+
+        Raises:
+            FileError: The note of it is damaged.
+        """
+        if not self._scale.exists():
+            return None
+        try:
+            found = json.loads(read_text(self._scale))
+            return Scale(tuple(found["settings"]), found["calibration"], found["inputs"])
+        except (ValueError, TypeError, KeyError):
+            raise FileError("is not the note of settings that `robolamp study` keeps", str(self._scale)) from None
+
+    def claim(self, scale: Scale) -> None:
+        """Note what the runs here will be made with, or see that it is what the earlier ones were.
+
+        Raises:
+            FileError: Earlier runs were made otherwise and would not compare; or the folder cannot be written.
+        """
+        if self.scale() is None:
+            write_atomic(self._scale, json.dumps(vars(scale), indent=1) + "\n")
+        self.check(scale)
+
+    def check(self, scale: Scale) -> None:
+        """See that the runs here were made with a scale.
+
+        Raises:
+            FileError: They were not, and would not compare with others that are.
+        """
+        before = self.scale()
+        if before is None or before == scale:
+            return
+        what = "another luxo-1997.toml or calibration file"
+        if before.settings != scale.settings:
+            old, new = (" ".join(each.settings) or "(nothing)" for each in (before, scale))
+            what = f"--set {old}, not {new}"
+        elif before.calibration != scale.calibration:
+            what = f"--calibration {before.calibration}, not {scale.calibration}"
+        raise FileError(f"holds runs made with {what}: they would not compare; give another -o", str(self.runs))
+
+    @contextlib.contextmanager
+    def alone(self) -> Iterator[None]:
+        """Keep other processes from working on the runs here, until this one is done or dies.
+
+        Raises:
+            FileError: Another one is at work, or the folder cannot be written.
+        """
+        path = self.runs / ".lock"
+        try:
+            self.runs.mkdir(parents=True, exist_ok=True)
+            stream = path.open("a")
+        except OSError as error:
+            raise FileError(f"cannot be written: {error.strerror or error}", str(self.runs)) from None
+        with stream:
+            try:
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise FileError("another `robolamp study` is at work here", str(self.runs)) from None
+            yield
+
+    def path(self, order: Order) -> Path:
+        """Return a run's folder."""
+        return self.runs / order.name
+
+    def generations(self, order: Order) -> int:
+        """Return how many generations of a run are done.
+
+        Raises:
+            FileError: Its progress.jsonl is damaged.
+        """
+        path = self.path(order) / "progress.jsonl"
+        return len(_entries(path)) if path.exists() else 0
+
+    def curve(self, order: Order) -> Curve | None:
+        """Return the course of a run; None where it is not finished.
+
+        Raises:
+            FileError: Its progress.jsonl or checkpoint is damaged.
+        """
+        path = self.path(order)
+        if not (path / "controller.toml").exists() or self.generations(order) < order.point.generations:
+            return None
+        try:
+            stage = json.loads(read_text(path / CHECKPOINT))["stage"]
+        except (ValueError, KeyError, TypeError):
+            raise FileError(
+                "is damaged; remove the run's folder to have it run again", str(path / CHECKPOINT)
+            ) from None
+        if stage != "done":
+            return None
+        individuals, as_run, whole, champion, steps = np.array(_entries(path / "progress.jsonl"), np.float64).T
+        return Curve(individuals.astype(np.int64), as_run, whole, champion, steps.astype(np.int64))
+
+    def curves(self, point: Point) -> dict[int, Curve]:
+        """Return the courses of a point's finished runs by seed, ascending.
+
+        Raises:
+            FileError: A progress.jsonl is damaged.
+        """
+        matches = (re.fullmatch(r"(.+)-s([1-9][0-9]{0,8})", path.name) for path in self.runs.glob("*-s*"))
+        seeds = sorted(int(match[2]) for match in matches if match and match[1] == point.name)
+        found = {seed: self.curve(Order(point, seed)) for seed in seeds}
+        return {seed: curve for seed, curve in found.items() if curve is not None}
+
+
+def carry_out(
+    order: Order,
+    shelf: Shelf,
+    scale: Scale,
+    lamp: Lamp,
+    calibration: Calibration,
+    assets: Assets,
+    workers: int | None,
+    progress: Callable[[Generation], None],
+    warn: Callable[[str], None],
+) -> None:
+    """Make a run, or go on with it where it was stopped.
+
+    Args:
+        order: Which.
+        shelf: Where.
+        scale: What all runs there have in common.
+        lamp: The lamp.
+        calibration: The twin's numbers.
+        assets: Where data files are.
+        workers: Threads; None: one a core.
+        progress: Called after each generation.
+        warn: Called with a line where a run goes on under other versions than it began with.
+
+    Raises:
+        RobolampError: See `robolamp.evolve.run.evolve` and `resume`.
+    """
+    folder = shelf.path(order)
+    if (folder / CHECKPOINT).exists():
+        resume(folder, workers=workers, progress=progress, warn=warn)
+        return
+    if folder.exists():  # stopped before its first checkpoint: nothing was simulated yet
+        shutil.rmtree(folder)
+    words = ["robolamp", "evolve", TASK, "-o", order.name, "--seed", str(order.seed)]
+    for setting in (*scale.settings, *order.point.overrides()):
+        words += ["--set", setting]
+    task = order.task(assets, scale.settings)
+    evolve(
+        task, lamp, calibration, assets, folder,
+        seed=order.seed, workers=workers, command=shlex.join(words), progress=progress,
+    )  # fmt: skip
+
+
+def _entries(path: Path) -> list[list[float]]:
+    entries = []
+    for number, line in enumerate(read_text(path).splitlines(), 1):
+        try:
+            entry = json.loads(line)
+            if entry.get("stage", "evolution") == "evolution":
+                entries.append([float(entry[key]) for key in _COLUMNS])
+        except (ValueError, TypeError, AttributeError, KeyError):
+            wanted = ", ".join(_COLUMNS)
+            raise FileError(f"line {number} is no generation of a run ({wanted})", str(path)) from None
+    return entries
