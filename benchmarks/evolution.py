@@ -12,7 +12,6 @@ import argparse
 import tempfile
 import time
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import replace
 from pathlib import Path
 from unittest import mock
 
@@ -73,20 +72,16 @@ def evolving(task: Task, threads: int, seed: int, patch: AbstractContextManager)
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--population", type=int, default=150)
+    parser.add_argument("--population", type=int, default=250)
     parser.add_argument("--goals", type=int, default=6)
     parser.add_argument("--generations", type=int, default=2)
     parser.add_argument("--pairs", type=int, default=3, help="repetitions of evolving, between bare rollouts")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--seconds", type=float, default=3.0, help="time of each bare rollout [s]")
     options = parser.parse_args()
-    shipped = load_task(ASSETS, "hop")
-    task = replace(
-        shipped,
-        cases=replace(shipped.cases, count=options.goals, lamps=1),
-        gp=replace(shipped.gp, population=options.population, generations=options.generations),
-    )
-    tiny = replace(task, duration=0.2, gp=replace(task.gp, population=4, generations=1))
+    sizes = [f"cases.count={options.goals}", "cases.lamps=1", f"gp.generations={options.generations}"]
+    task = load_task(ASSETS, "hop", overrides=[*sizes, f"gp.population={options.population}"])
+    tiny = load_task(ASSETS, "hop", overrides=[*sizes, "duration=0.2", "gp.population=4", "gp.generations=1"])
     evolving(tiny, options.threads, 1, nullcontext())  # numba compiles
     ways = {
         "evolving, friction by load": nullcontext,
