@@ -24,7 +24,6 @@ from robolamp.twin.trace import Trace, follows
 _FIRST = 0.2  # of the individuals, the most promising, are tried on all cases before the others are compared with them
 _AHEAD = 0.25  # of the others, the best so far, go on to all cases after each case
 _MARGIN = 1e-9  # by which a bound must be worse, so that rounding makes nobody a loser
-_SCREENED = 1 / 6  # of the cases, by which screening judges
 _LANES_AT_ONCE = 4000  # of a trace
 
 _simplified = lru_cache(maxsize=200_000)(simplify)
@@ -205,25 +204,30 @@ class Race:
         self._run(self._missing())
 
     def screen(self, share: float, phase: float, turn: int) -> None:
-        """Try all on a sixth of the cases, and the best of them on the others.
+        """Try all on a sixth of the cases, the better half on another sixth, and the best of those on all.
+
+        What an individual was not tried on counts as it does for the worst of those that were tried on all.
 
         Args:
             share: Of the individuals that are tried on all.
             phase: What style counts.
-            turn: Generation: each takes other cases, in turn.
+            turn: Generation: each begins with other cases, in turn.
         """
         count = len(self._cases)
-        some = int(np.ceil(_SCREENED * count))
-        first = (turn * some + np.arange(some)) % count
-        missing = self._missing()
-        self._run(missing[np.isin(missing[:, 1], first)])
-        order = np.argsort(fitness(self._values[:, first], phase), kind="stable")
-        self._run(self._missing(order[: int(np.ceil(share * len(order)))]))
+        some = int(np.ceil(count / 6))
+        order = (turn * some + np.arange(count)) % count
+        left = np.arange(len(self._unique))
+        for tried, part in ((some, 0.5), (2 * some, share), (count, 1.0)):
+            first = order[:tried]
+            missing = self._missing(left)
+            self._run(missing[np.isin(missing[:, 1], first)])
+            ranks = np.argsort(fitness(self._values[left][:, first], phase), kind="stable")
+            left = left[ranks[: max(1, int(np.ceil(max(part, share) * len(self._unique))))]]
         missing = self._missing()
         self.counts.stopped += len(missing)
         self._screened[missing[:, 0]] = True
-        mean = np.nanmean(self._values, axis=1)
-        self._values[missing[:, 0], missing[:, 1]] = mean[missing[:, 0]]
+        worst = np.nanmax(self._values[~self._screened], axis=0)
+        self._values[missing[:, 0], missing[:, 1]] = worst[missing[:, 1]]
 
     def race(self, contest: Contest, promise: NDArray[np.float64]) -> None:
         """Try individuals until it is certain who wins each tournament, and whether there is a new champion.

@@ -66,8 +66,8 @@ class Settings:
         depth: Largest depth of any tree.
         nodes: Largest number of nodes of an individual, all joints together.
         early_stop: Whether individuals that are certain to lose every tournament they are in are stopped.
-        screening: Share of the individuals that is tried on all cases; the others, the worst on a sixth of
-            them (in each generation other ones), are judged by those alone.
+        screening: Share of the individuals that is tried on all cases; the others are the worst on a sixth of them, or
+            on a third (in each generation other ones). 1: all are.
     """
 
     population: int
