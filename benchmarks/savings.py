@@ -18,7 +18,8 @@ import numpy as np
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.controller.file import load_controller
-from robolamp.evolve.run import Result, evolve
+from robolamp.evolve.progress import Result
+from robolamp.evolve.run import evolve
 from robolamp.evolve.task import Task, load_task
 from robolamp.lamp import load_lamp
 from robolamp.twin.model import build
@@ -41,7 +42,7 @@ def main() -> None:
     parser.add_argument("--task", default="luxo-1997")
     parser.add_argument("--population", type=int, default=150)
     parser.add_argument("--generations", type=int, default=20)
-    parser.add_argument("--screening", type=float, default=0.2)
+    parser.add_argument("--screening", type=float, default=0.25)
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any other key of the task")
     parser.add_argument("--workers", type=int, default=None)

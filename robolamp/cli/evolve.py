@@ -18,7 +18,8 @@ from robolamp.cli.output import print_json
 from robolamp.controller.file import check_terminals
 from robolamp.errors import FileError, RobolampError
 from robolamp.evolve.fitness import load_terms
-from robolamp.evolve.run import MakeEvaluator, Result, open_run
+from robolamp.evolve.progress import Result
+from robolamp.evolve.run import MakeEvaluator, open_run
 from robolamp.evolve.run import evolve as run_evolution
 from robolamp.evolve.task import load_task
 from robolamp.twin.model import TwinModel

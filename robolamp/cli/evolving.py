@@ -11,7 +11,7 @@ from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from robolamp.evolve.run import Generation
+from robolamp.evolve.progress import Generation
 
 _ROWS = 12  # of the table
 _COLUMNS = ("stage", "gen", "best", "at full style", "hits", "falls", "flight", "nodes", "physics", "not simulated")

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemaining
 from robolamp.cli.options import Setup
 from robolamp.cli.output import counted, print_json
 from robolamp.errors import RobolampError
-from robolamp.evolve.run import Generation
+from robolamp.evolve.progress import Generation
 from robolamp.evolve.study import STUDIES, Order, chosen_points, orders, settled
 from robolamp.evolve.study_report import Report, Reporter
 from robolamp.evolve.study_runs import Scale, Shelf, carry_out

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import math
 import time
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tomlkit
 from numpy.typing import NDArray
 
 from robolamp.assets import Assets
@@ -25,12 +22,16 @@ from robolamp.evolve.checkpoint import NAME as CHECKPOINT
 from robolamp.evolve.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 from robolamp.evolve.fitness import load_terms
 from robolamp.evolve.machine import differences, machine
+from robolamp.evolve.progress import NAME as PROGRESS
+from robolamp.evolve.progress import Generation, Result, read_progress, write_progress
 from robolamp.evolve.race import Contest, Memory, Race, fitness
+from robolamp.evolve.record import NAME as RECORD
+from robolamp.evolve.record import check_unchanged, read_record, write_record
 from robolamp.evolve.task import Task, load_task, parse_task
 from robolamp.evolve.tree import Breeder, Genome
 from robolamp.evolve.trial import Case, Evaluator, Score, Trials, draw_cases
 from robolamp.evolve.tune import tune
-from robolamp.files import Table, read_text, read_toml, sha256, write_atomic
+from robolamp.files import read_text, sha256, write_atomic
 from robolamp.lamp import Lamp, load_lamp
 from robolamp.twin.fleet import Fleet
 from robolamp.twin.model import TwinModel, build, fingerprint
@@ -43,75 +44,6 @@ _STREAMS = ("born", "chosen", "drawn", "tuned", "bred")
 
 MakeEvaluator = Callable[[Sequence[TwinModel], float], Evaluator]
 """Takes a run's lamps and its control period [s]."""
-
-
-@dataclass(frozen=True)
-class Generation:
-    """What a generation, or an iteration of tuning, came to: a line of progress.jsonl.
-
-    Attributes:
-        stage: "evolution" or "tuning".
-        generation: Its number in that stage, from 0.
-        best_fitness: Fitness of its best individual, at this generation's phase.
-        best_whole: Fitness of the same individual at full phase.
-        champion_fitness: The best fitness at full phase so far in the run; where cases are drawn anew, of this
-            generation.
-        mean_fitness: Mean over the individuals that were tried on all cases.
-        hits: Cases hit by the best.
-        hits_1997: Cases in which the best came within 1.5 cm of the goal.
-        falls: Cases in which the best fell.
-        cases: Number of cases.
-        hops: Hops of the best, mean over cases.
-        flight_share: Flight share of the best, mean over cases.
-        nodes: Nodes of the best.
-        mean_nodes: Nodes of an individual, on average.
-        individuals: Individuals examined so far.
-        tried: Trials (an individual on a case) simulated so far ...
-        cached: ... taken over from an identical program ...
-        inherited: ... taken over from a mother that acts alike ...
-        stopped: ... and not made, because the individual was certain to lose (or was screened out).
-        physics_steps: Simulated steps so far.
-        physics_s: Wall time inside trials so far [s].
-        wall_s: Wall time so far [s].
-    """
-
-    stage: str
-    generation: int
-    best_fitness: float
-    best_whole: float
-    champion_fitness: float
-    mean_fitness: float
-    hits: int
-    hits_1997: int
-    falls: int
-    cases: int
-    hops: float
-    flight_share: float
-    nodes: int
-    mean_nodes: float
-    individuals: int
-    tried: int
-    cached: int
-    inherited: int
-    stopped: int
-    physics_steps: int
-    physics_s: float
-    wall_s: float
-
-
-@dataclass(frozen=True)
-class Result:
-    """What a run came to.
-
-    Attributes:
-        controller: The controller file it wrote.
-        best_fitness: Of that controller, at full phase.
-        generations: Every generation, and every iteration of tuning.
-    """
-
-    controller: Path
-    best_fitness: float
-    generations: tuple[Generation, ...]
 
 
 def evolve(
@@ -171,7 +103,7 @@ def evolve(
         "terms": "" if terms is None else str(terms.resolve()),
         "terms_sha256": "" if terms is None else sha256(terms),
     }
-    for name in ("progress.jsonl", "controller.toml", CHECKPOINT, "run.toml"):
+    for name in (PROGRESS, "controller.toml", CHECKPOINT, RECORD):
         if (folder / name).exists():
             raise FileError("holds a run already; go on with --resume, or give another folder with -o", str(folder))
     run = Run(task, lamp, calibration, assets, folder, record, workers, evaluator, progress)
@@ -214,11 +146,11 @@ def open_run(
     """Return a run at its last checkpoint; see `resume`."""
     record = read_record(folder)
     if record["terms"]:
-        _unchanged(Path(record["terms"]), record["terms_sha256"])
+        check_unchanged(Path(record["terms"]), record["terms_sha256"])
         load_terms(Path(record["terms"]))
     assets = Assets.of(record["lamp"] or None)
     calibration = load_calibration(assets, record["calibration"])
-    _unchanged(calibration.path, record["calibration_sha256"])
+    check_unchanged(calibration.path, record["calibration_sha256"])
     lamp = load_lamp(assets)
     task = load_task(assets, folder / "task.toml", len(lamp.joints))
     for line in differences(machine(), {"where the run began": record["machine"]}):
@@ -226,31 +158,6 @@ def open_run(
     run = Run(task, lamp, calibration, assets, folder, record, workers, evaluator, progress)
     run.restore()
     return run
-
-
-def read_record(folder: Path) -> dict[str, Any]:
-    """Return what a run was started with: its run.toml.
-
-    Raises:
-        FileError: There is none, or it is malformed.
-    """
-    path = folder / "run.toml"
-    if not path.is_file():
-        raise FileError("holds no run; expected a folder made by robolamp evolve -o", str(folder))
-    root = Table(read_toml(path), str(path))
-    root.integer("schema", 1, 1)
-    record: dict[str, Any] = {name: root.integer(name, 0, 2**63) for name in ("seed", "tuning")}
-    record["reuse"] = root.flag("reuse")
-    texts = ("command", "lamp", "calibration", "calibration_sha256", "terms", "terms_sha256", "twin_sha256")
-    record |= {name: root.text(name) for name in texts}
-    record["machine"] = {name: str(value) for name, value in root.table("machine").raw().items()}
-    root.done()
-    return record
-
-
-def _unchanged(path: Path, expected: str) -> None:
-    if sha256(path) != expected:
-        raise FileError("has changed since the run began; put it back, or begin another run", str(path))
 
 
 class Run:
@@ -309,25 +216,17 @@ class Run:
         self._state.population = population
         self._state.mothers = [-1] * len(population)
         self._state.promise = [0.0] * len(population)
-        document = tomlkit.document()
-        document.add(tomlkit.comment("What this run was started with; robolamp evolve --resume reads it."))
-        document.update({"schema": 1, **self._record, "twin_sha256": self._twin, "machine": machine()})
-        write_atomic(self._folder / "run.toml", tomlkit.dumps(document))
+        write_record({**self._record, "twin_sha256": self._twin}, self._folder)
         write_atomic(self._folder / "task.toml", self._task.source)
-        write_atomic(self._folder / "progress.jsonl", "")
+        write_progress((), self._folder)
         self._checkpoint()
 
     def restore(self) -> None:
         """Go back to the last checkpoint."""
         if self._record["twin_sha256"] != self._twin:
-            raise FileError("the lamp's model is not the one the run began with", str(self._folder / "run.toml"))
+            raise FileError("the lamp's model is not the one the run began with", str(self._folder / RECORD))
         self._state = state = load_checkpoint(self._folder, self._terminals)
-        path = self._folder / "progress.jsonl"
-        try:
-            lines = [json.loads(line) for line in read_text(path).splitlines()[: state.lines]]
-            self._history = [Generation(**line) for line in lines]
-        except (ValueError, TypeError) as error:
-            raise FileError(f"is damaged: {error}", str(path)) from None
+        self._history = read_progress(self._folder, state.lines)
         for name, stored in state.rng.items():
             self._rng[name].bit_generator.state = stored
         # The runs of parents are not stored but made again: physics is deterministic.
@@ -501,8 +400,7 @@ class Run:
             wall_s=round(time.perf_counter() - self._began, 3),
         )
         self._history.append(entry)
-        text = "".join(json.dumps(vars(item)) + "\n" for item in self._history)
-        write_atomic(self._folder / "progress.jsonl", text)
+        write_progress(self._history, self._folder)
         self._progress(entry)
 
     def _save(self, champion: Genome, score: Score, tuning: int = 0) -> None:

@@ -21,7 +21,8 @@ from robolamp.assets import Assets
 from robolamp.calibration import Calibration
 from robolamp.errors import FileError
 from robolamp.evolve.checkpoint import NAME as CHECKPOINT
-from robolamp.evolve.run import Generation, evolve, resume
+from robolamp.evolve.progress import Generation
+from robolamp.evolve.run import evolve, resume
 from robolamp.evolve.study import TASK, Order, Point
 from robolamp.evolve.task import load_task
 from robolamp.files import read_text, write_atomic

@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 from robolamp.errors import FileError
-from robolamp.evolve.run import Generation, evolve, open_run, resume
+from robolamp.evolve.progress import Generation
+from robolamp.evolve.run import evolve, open_run, resume
 from robolamp.files import write_atomic
 
 from .parts import ASSETS, CALIBRATION, LAMP, walk
@@ -132,7 +133,7 @@ def test_a_disk_that_is_full_leaves_the_last_checkpoint_whole(tmp_path: Path, mo
         write_atomic(path, data)
 
     with monkeypatch.context() as patch:
-        for module in ("run", "checkpoint"):
+        for module in ("run", "checkpoint", "progress", "record"):
             patch.setattr(f"robolamp.evolve.{module}.write_atomic", full)
         with pytest.raises(FileError, match="No space left on device"):
             begin(cut)

@@ -10,13 +10,14 @@ from robolamp.controller.expression import parse
 from robolamp.controller.file import Controller, load_controller
 from robolamp.controller.terminals import on_board_terminals
 from robolamp.errors import FileError, RobolampError
-from robolamp.evolve.run import Generation, Result, evolve
+from robolamp.evolve.progress import Generation, Result
+from robolamp.evolve.run import evolve
 from robolamp.evolve.task import Task
 from robolamp.evolve.tree import Genome, constants
 from robolamp.evolve.trial import Trials, draw_cases
 from robolamp.evolve.tune import tune
 from robolamp.twin.fleet import Fleet
-from robolamp.twin.model import build
+from robolamp.twin.model import Bend, build
 
 from .parts import ASSETS, CALIBRATION, LAMP, task
 
@@ -170,3 +171,24 @@ def test_a_run_with_tuning_reports_each_iteration(tmp_path: Path) -> None:
     loaded = load_controller(result.controller, LAMP)
     assert loaded.provenance["tuning"] in (0, 2)  # kept only where it is better on cases that neither has seen
     assert loaded.scores["fitness"] == pytest.approx(result.best_fitness, abs=1e-6)
+
+
+@pytest.mark.parametrize("wild", ["(* 1e300 1e300)", "(- (* 1e300 1e300) (* 1e300 1e300))", "1e300", "(% 1 (- t t))"])
+def test_a_controller_that_returns_no_number_is_survived_and_scored(tmp_path: Path, wild: str) -> None:
+    tiny = task(tmp_path, ("count = 1", "count = 2"))
+    score = score_of(tiny, [genome(wild, wild, wild), genome("0", "0", "0")])
+    assert np.isfinite(score.main).all()
+    assert np.isfinite(score.style).all()
+    seeded = [Controller("w", "", "position", 0.02, genome(wild, wild, wild), LAMP.names)]
+    assert np.isfinite(run(tiny, tmp_path / "run", seeds=seeded).best_fitness)
+
+
+def test_a_simulation_that_diverges_is_a_fall_and_not_a_lamp_that_stands(tmp_path: Path) -> None:
+    tiny = task(tmp_path)
+    fleet = Fleet([build(LAMP, CALIBRATION, ASSETS, Bend(strength=1e9))], 0.02, 1)
+    trials = Trials(fleet, tiny, TERMINALS)
+    score = trials.score([genome("(- 0.2 a0)", "0", "0")], draw_cases(np.random.default_rng(1), tiny, 1))
+    assert fleet.steps < 300  # it ended where it diverged
+    assert score.falls.tolist() == [1]
+    assert score.main[0] >= 2.0  # what a fall costs in this task
+    assert np.isfinite(score.style).all()
