@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -17,6 +17,7 @@ from robolamp.cli.options import Setup
 from robolamp.cli.output import print_json
 from robolamp.controller.file import check_terminals
 from robolamp.errors import FileError, RobolampError
+from robolamp.evolve.checkpoint import NAME as CHECKPOINT
 from robolamp.evolve.fitness import load_terms
 from robolamp.evolve.progress import Result
 from robolamp.evolve.run import MakeEvaluator, open_run
@@ -25,7 +26,8 @@ from robolamp.evolve.task import load_task
 from robolamp.twin.model import TwinModel
 
 _Count = Annotated[int | None, Parameter(validator=validators.Number(gte=1))]
-_Natural = Annotated[int | None, Parameter(validator=validators.Number(gte=0))]
+_Seed = Annotated[int | None, Parameter(validator=validators.Number(gte=0, lt=2**63))]
+_Iterations = Annotated[int | None, Parameter(validator=validators.Number(gte=0, lte=100_000))]
 
 
 def evolve(
@@ -34,12 +36,12 @@ def evolve(
     *,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     resume: Path | None = None,
-    seed: _Natural = None,
+    seed: _Seed = None,
     settings: Annotated[list[str] | None, Parameter(name="--set", negative="")] = None,
     population: _Count = None,
     generations: _Count = None,
     seed_from: str | None = None,
-    tune: _Natural = None,
+    tune: _Iterations = None,
     terms: Path | None = None,
     workers: _Count = None,
     cluster: str | None = None,
@@ -97,20 +99,18 @@ def evolve(
                 if value is not None:
                     raise RobolampError("cannot be changed with --resume: a run keeps what it began with", name)
             board = Board(console)
-            run = open_run(
-                resume,
-                workers=workers,
-                evaluator=evaluator,
-                progress=board.show,
+            opened = open_run(
+                resume, workers=workers, evaluator=evaluator, progress=board.show,
                 warn=lambda line: _warn(console, line),
-            )
-            if run.finished:
-                console.print(f"{resume} is complete; nothing is left to do.", markup=False, soft_wrap=True)
-                result = run.go()
-            else:
-                board.begin(*run.stages, run.history)
-                with board:
+            )  # fmt: skip
+            with _told_how_to_go_on(console, resume), opened as run:
+                if run.finished:
+                    console.print(f"{resume} is complete; nothing is left to do.", markup=False, soft_wrap=True)
                     result = run.go()
+                else:
+                    board.begin(*run.stages, run.history)
+                    with board:
+                        result = run.go()
         else:
             if task is None or output is None:
                 missing = "TASK (a file, or the name of a shipped task)" if task is None else "--output FOLDER"
@@ -129,7 +129,7 @@ def evolve(
             _refuse_file(output)
             board = Board(console)
             board.begin(loaded.gp.generations, tune or 0)
-            with board:
+            with _told_how_to_go_on(console, output), board:
                 result = run_evolution(
                     loaded, setup.lamp, setup.calibration, setup.assets, output,
                     seed=1 if seed is None else seed, workers=workers, seeds=seeds, tuning=tune or 0,
@@ -151,6 +151,17 @@ def _cluster(address: str, console: Console, stack: ExitStack) -> MakeEvaluator:
         return cluster
 
     return made
+
+
+@contextmanager
+def _told_how_to_go_on(console: Console, folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        if (folder / CHECKPOINT).exists():
+            words = shlex.join(["robolamp", "evolve", "--resume", str(folder)])
+            console.print(f"Stopped. Go on with: {words}", markup=False, soft_wrap=True)
+        raise
 
 
 def _warn(console: Console, line: str) -> None:

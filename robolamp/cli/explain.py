@@ -19,9 +19,11 @@ from robolamp.controller.file import Controller, check_goal_time
 from robolamp.controller.layout import lay_out
 from robolamp.controller.simplify import simplify
 from robolamp.controller.terminals import all_terminals
+from robolamp.errors import RobolampError
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.model import build
 
+_MOST_TICKS = 1e6  # to be recorded: about 170 MB
 _WIDTH = 100
 _GUTTER = 10  # columns for the share of ticks, left of an expression
 
@@ -61,6 +63,11 @@ def explain(
     loaded = setup.controller(controller)
     check_goal_time(loaded, goal_time)
     distances = goal_range(goals, "--goals")
+    ticks = len(distances) * duration / loaded.control_period
+    if ticks > _MOST_TICKS:
+        raise RobolampError(
+            f"{ticks:,.0f} ticks in all; at most {_MOST_TICKS:,.0f} are recorded", "--goals, --duration"
+        )
     terminals = all_terminals(len(setup.lamp.joints))
     fleet = Fleet([build(setup.lamp, setup.calibration, setup.assets)], loaded.control_period)
     jobs = [Job(0, 0, float(goal), goal_time or 0.0) for goal in distances]
@@ -142,7 +149,7 @@ def _print(
         idle = _signals(expression, terminals, without=simple)
         console.print(f"; {', '.join(idle)} changes nothing" if idle else "")
         evolved = _annotated(expression, terminals, inputs)
-        if before == after:  # at most an order or a threshold differs
+        if before == after:  # as many nodes, differently written at most
             console.print(Text(f"  {counted(before, 'node')}, as simple as it gets", "dim"), evolved, sep="\n")
             continue
         console.print(Text(f"  as evolved, {counted(before, 'node')}", "dim"), evolved, sep="\n")

@@ -22,6 +22,7 @@ from robolamp.twin.judge import Outcome
 from robolamp.twin.model import Pole, build
 from robolamp.twin.spread import load_spread
 
+_LANES_AT_ONCE = 6000  # about 67 MB of simulation state
 _ROWS = 12  # of the table that a person reads; --json has every goal
 
 
@@ -30,7 +31,7 @@ def score(
     /,
     *,
     goals: str = "0.05:0.60:56",
-    lamps: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
+    lamps: Annotated[int | None, Parameter(validator=validators.Number(gte=1, lte=1000))] = None,
     spread: Annotated[float | None, Parameter(validator=validators.Number(gte=0, lte=5))] = None,
     seed: Annotated[int | None, Parameter(validator=validators.Number(gte=0))] = None,
     duration: Annotated[float, DURATION] = 5.0,
@@ -93,7 +94,8 @@ def score(
     fleet = Fleet(twins, loaded.control_period, workers)
     program = loaded.compile(all_terminals(joints))
     jobs = [Job(0, variant, float(goal), goal_time or 0.0) for variant in range(len(twins)) for goal in distances]
-    outcome = fleet.run([program], jobs, duration)
+    parts = [jobs[start : start + _LANES_AT_ONCE] for start in range(0, len(jobs), _LANES_AT_ONCE)]
+    outcome = Outcome.join([fleet.run([program], part, duration) for part in parts])
     shape = (len(distances),) if lamps is None else (lamps, len(distances))
     if as_json:
         print_json(

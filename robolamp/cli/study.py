@@ -75,7 +75,7 @@ def study(
     if page.suffix != ".md":
         raise RobolampError(f"{str(page)!r} does not end in .md", "--report")
     setup, shelf = Setup.of(lamp, calibration), Shelf(output)
-    scale = shelf.scale() if draw_only and not settings else Scale.of(setup.assets, setup.calibration, settings or ())
+    scale = shelf.scale() if draw_only and not settings else _scale(setup, settings or ())
     if scale is None:
         raise RobolampError("holds no runs of studies yet", str(output))
     every = {
@@ -84,7 +84,7 @@ def study(
     }
     wanted = orders([every[name][point] for name in names for point in chosen[name]], seeds)
     if draw_only:
-        shelf.check(Scale.of(setup.assets, setup.calibration, scale.settings))
+        shelf.check(_scale(setup, scale.settings))
     else:
         with shelf.alone():
             shelf.claim(scale)
@@ -105,6 +105,10 @@ def study(
         return 0
     _print(result, finished, len(wanted))
     return 0
+
+
+def _scale(setup: Setup, words: Sequence[str]) -> Scale:
+    return Scale.of(setup.assets, setup.lamp, setup.calibration, words)
 
 
 def _run(

@@ -18,6 +18,8 @@ from robolamp.files import read_text, write_atomic
 
 NAME = "checkpoint.json"
 """The file's name in a run's folder."""
+STAGES = ("evolution", "tuning", "done")
+"""What a run does, one after the other."""
 _SCHEMA = 1
 
 
@@ -36,6 +38,9 @@ class Checkpoint:
         traced: Programs whose runs are remembered: made again when the run goes on.
         champion: The best individual so far.
         champion_fitness: Its fitness at full phase; infinite while there is none.
+        fitness: Fitness of the controller on disk, on `cases`.
+        controller: Text of its file.
+        cases: The last drawn: goal [m], lamp and time to take [s] of each.
         candidates: The best of each generation, where cases are drawn anew for each.
         told: Fitnesses of each iteration of tuning.
         totals: Running totals: individuals, physics steps, seconds, trials.
@@ -53,6 +58,9 @@ class Checkpoint:
     traced: list[Genome] = field(default_factory=list)
     champion: Genome | None = None
     champion_fitness: float = float("inf")
+    fitness: float = float("inf")
+    controller: str = ""
+    cases: list[tuple[float, int, float]] = field(default_factory=list)
     candidates: list[Genome] = field(default_factory=list)
     told: list[list[float]] = field(default_factory=list)
     totals: dict[str, float] = field(default_factory=dict)
@@ -76,6 +84,20 @@ def save_checkpoint(checkpoint: Checkpoint, folder: Path) -> None:
     data["champion"] = None if checkpoint.champion is None else _texts(checkpoint.champion)
     data["known"] = [[_texts(genome), values.tolist()] for genome, values in checkpoint.known.items()]
     write_atomic(folder / NAME, json.dumps({"schema": _SCHEMA, **data}))
+
+
+def _check(checkpoint: Checkpoint) -> None:
+    if checkpoint.stage not in STAGES:
+        raise ValueError(f"stage {checkpoint.stage!r} is not one of {', '.join(STAGES)}")
+    lengths = {len(checkpoint.population), len(checkpoint.mothers), len(checkpoint.promise)}
+    if checkpoint.stage == "evolution" and lengths != {len(checkpoint.population)}:
+        raise ValueError(f"population, mothers and promise are of lengths {sorted(lengths)}; expected one length")
+    if checkpoint.stage == "evolution" and not checkpoint.population:
+        raise ValueError("its population is empty")
+    if any(not -1 <= mother < len(checkpoint.parents) for mother in checkpoint.mothers):
+        raise ValueError("a mother is not among the parents")
+    if checkpoint.stage != "evolution" and checkpoint.champion is None:
+        raise ValueError("its champion is missing")
 
 
 def load_checkpoint(folder: Path, terminals: Sequence[str]) -> Checkpoint:
@@ -104,6 +126,9 @@ def load_checkpoint(folder: Path, terminals: Sequence[str]) -> Checkpoint:
         fields["champion"] = None if fields["champion"] is None else genome(fields["champion"])
         fields["known"] = {genome(texts): np.array(values) for texts, values in fields["known"]}
         fields["promise"] = [float(value) for value in fields["promise"]]
-        return Checkpoint(**fields)
+        fields["cases"] = [(float(goal), int(lamp), float(limit)) for goal, lamp, limit in fields["cases"]]
+        checkpoint = Checkpoint(**fields)
+        _check(checkpoint)
+        return checkpoint
     except (ValueError, KeyError, TypeError, AttributeError, ExpressionError) as error:
         raise FileError(f"is damaged: {type(error).__name__}: {error}", str(path)) from None

@@ -150,8 +150,8 @@ def population(results: Results) -> list[Verdict]:
 def generations(results: Results) -> list[Verdict]:
     """G = 30 is best.
 
-    Rule: no other number of generations is clearly better, and one at least is clearly worse. One clearly better, or
-    all alike: does not agree.
+    Rule: no other number of generations is clearly better, one at least is clearly worse, and none is unclear. One
+    clearly better, or all alike: does not agree.
     """
     noise = Noise(results)
     relations = [noise.compare(["30"], [name]) for name in results if name != "30"] if "30" in results else []

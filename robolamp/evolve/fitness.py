@@ -33,9 +33,14 @@ def term(name: str) -> Callable[[Term], Term]:
 
     Args:
         name: Key in a task's [main] or [style].
+
+    Raises:
+        RobolampError: One of robolamp's own has that name.
     """
 
     def register(function: Term) -> Term:
+        if name in _TERMS and _TERMS[name].__module__ == __name__ != function.__module__:
+            raise RobolampError("is a term of robolamp's own; choose another name", f"fitness term {name!r}")
         _TERMS[name] = function
         return function
 
@@ -119,41 +124,58 @@ def load_terms(path: Path) -> None:
         runpy.run_path(str(path), run_name="robolamp_terms")
     except OSError as error:
         raise FileError(f"cannot be read: {error.strerror or error}", str(path)) from None
-    except Exception as error:  # whatever the user's own code may raise
-        line = _line_of(error, path)
-        raise FileError(f"fails{line}: {type(error).__name__}: {' '.join(str(error).split())}", str(path)) from None
+    except RobolampError:
+        raise
+    except (Exception, SystemExit) as error:  # whatever the user's own code may raise
+        raise FileError(f"fails{_line_of(error, str(path))}: {_told(error)}", str(path)) from None
     if before == _TERMS:
         raise FileError("registers no fitness term; expected a function under @term(NAME)", str(path))
 
 
-def _line_of(error: Exception, path: Path) -> str:
+def _told(error: BaseException) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+
+
+def _line_of(error: BaseException, path: str) -> str:
     if isinstance(error, SyntaxError):
         return f" at line {error.lineno}"
     step, found = error.__traceback__, ""
     while step is not None:
-        if step.tb_frame.f_code.co_filename == str(path):
+        if step.tb_frame.f_code.co_filename == path:
             found = f" at line {step.tb_lineno}"
         step = step.tb_next
     return found
 
 
 def weighted(outcome: Outcome, weights: Mapping[str, float]) -> NDArray[np.float64]:
-    """Return the weighted sum of terms, shape (lanes,); `HOPELESS` where it is not finite.
+    """Return the weighted sum of terms, shape (lanes,); `HOPELESS` at most, and where it is no number.
 
     Args:
         outcome: What the lanes did.
         weights: Weight of each term, by name.
 
     Raises:
-        RobolampError: A term gave something below 0, or not one number a lane.
+        RobolampError: A term failed, or gave something below 0, or not one number a lane.
     """
     total = np.zeros(len(outcome.goal))
     shown = replace(outcome, interventions=np.zeros_like(outcome.interventions), trace=None)
     for name, weight in weights.items():
-        value = np.asarray(_TERMS[name](shown), np.float64)
+        value = _value(name, shown)
         if value.shape != total.shape:
             raise RobolampError(f"gave shape {value.shape}; expected {total.shape}", f"fitness term {name!r}")
         if (value < 0.0).any():
             raise RobolampError(f"gave {value.min():g}; expected nothing below 0", f"fitness term {name!r}")
         total += weight * value
-    return np.where(np.isfinite(total), total, HOPELESS)
+    return np.where(total < HOPELESS, total, HOPELESS)  # also where it is no number
+
+
+def _value(name: str, outcome: Outcome) -> NDArray[np.float64]:
+    function = _TERMS[name]
+    try:
+        value = np.asarray(function(outcome))
+        if value.dtype.kind not in "biuf":
+            raise TypeError(f"gave {value.dtype}; expected numbers")
+        return value.astype(np.float64)
+    except Exception as error:  # whatever the user's own code may raise
+        line = _line_of(error, function.__code__.co_filename)
+        raise RobolampError(f"fails{line}: {_told(error)}", f"fitness term {name!r}") from None

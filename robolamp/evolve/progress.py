@@ -23,8 +23,8 @@ class Generation:
         generation: Its number in that stage, from 0.
         best_fitness: Fitness of its best individual, at this generation's phase.
         best_whole: Fitness of the same individual at full phase.
-        champion_fitness: The best fitness at full phase so far in the run; where cases are drawn anew, of this
-            generation.
+        champion_fitness: The best fitness at full phase so far in the run; while tuning, and where cases are drawn
+            anew, of this iteration or generation.
         mean_fitness: Mean over the individuals that were tried on all cases.
         hits: Cases hit by the best.
         hits_1997: Cases in which the best came within 1.5 cm of the goal.

@@ -26,7 +26,7 @@ _AHEAD = 0.25  # of the others, the best so far, go on to all cases after each c
 _MARGIN = 1e-9  # by which a bound must be worse, so that rounding makes nobody a loser
 _LANES_AT_ONCE = 4000  # of a trace
 
-_simplified = lru_cache(maxsize=200_000)(simplify)
+_simplified = lru_cache(maxsize=20_000)(simplify)
 
 
 def key(genome: Genome) -> Genome:
@@ -107,6 +107,7 @@ class Race:
         mothers: Whom each individual is likely to act like, or None.
         memory: What the generation before left.
         reuse: Whether to use what is known; without, every trial is simulated.
+        record: Whether what controllers see and send is to be remembered for their children.
     """
 
     def __init__(
@@ -119,9 +120,10 @@ class Race:
         mothers: Sequence[Genome | None],
         memory: Memory,
         reuse: bool = True,
+        record: bool = True,
     ) -> None:
         self._trials, self._cases, self._lamp, self._period = trials, cases, lamp, period
-        self._reuse = reuse
+        self._reuse, self._record = reuse, reuse and record
         self._keys = [key(genome) for genome in population] if reuse else list(population)
         # Without reuse an individual is only itself.
         names = self._keys if reuse else range(len(population))
@@ -180,8 +182,7 @@ class Race:
     def _run(self, pairs: NDArray[np.int64]) -> None:
         """Simulate trials, shape (k, 2): program and case."""
         self.counts.tried += len(pairs)
-        record = self._reuse
-        for part, values, trace in self._trials.measure(self._unique, self._cases, pairs, record=record):
+        for part, values, trace in self._trials.measure(self._unique, self._cases, pairs, record=self._record):
             program, case = pairs[part].T
             self._values[program, case] = values
             if trace is not None:
@@ -226,8 +227,9 @@ class Race:
         missing = self._missing()
         self.counts.stopped += len(missing)
         self._screened[missing[:, 0]] = True
-        worst = np.nanmax(self._values[~self._screened], axis=0)
-        self._values[missing[:, 0], missing[:, 1]] = worst[missing[:, 1]]
+        for column in (MAIN, STYLE):
+            worst = self._values[~self._screened, :, column].max(axis=0)
+            self._values[missing[:, 0], missing[:, 1], column] = worst[missing[:, 1]]
 
     def race(self, contest: Contest, promise: NDArray[np.float64]) -> None:
         """Try individuals until it is certain who wins each tournament, and whether there is a new champion.

@@ -45,7 +45,16 @@ def read_record(folder: Path) -> dict[str, Any]:
     root.integer("schema", 1, 1)
     record: dict[str, Any] = {name: root.integer(name, 0, 2**63) for name in ("seed", "tuning")}
     record["reuse"] = root.flag("reuse")
-    texts = ("command", "lamp", "calibration", "calibration_sha256", "terms", "terms_sha256", "twin_sha256")
+    texts = (
+        "command",
+        "lamp",
+        "calibration",
+        "calibration_sha256",
+        "task_sha256",
+        "terms",
+        "terms_sha256",
+        "twin_sha256",
+    )
     record |= {name: root.text(name) for name in texts}
     record["machine"] = {name: str(value) for name, value in root.table("machine").raw().items()}
     root.done()

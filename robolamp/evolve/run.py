@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import time
-import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,8 @@ from numpy.typing import NDArray
 
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration, load_calibration
-from robolamp.controller.file import Controller, save_controller, slug
-from robolamp.errors import FileError
+from robolamp.controller.file import Controller, format_controller, slug
+from robolamp.errors import FileError, RobolampError
 from robolamp.evolve.breeding import breed, choose, draw_plan
 from robolamp.evolve.checkpoint import NAME as CHECKPOINT
 from robolamp.evolve.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
@@ -31,12 +32,16 @@ from robolamp.evolve.task import Task, load_task, parse_task
 from robolamp.evolve.tree import Breeder, Genome
 from robolamp.evolve.trial import Case, Evaluator, Score, Trials, draw_cases
 from robolamp.evolve.tune import tune
-from robolamp.files import read_text, sha256, write_atomic
+from robolamp.files import alone, sha256, write_atomic
 from robolamp.lamp import Lamp, load_lamp
 from robolamp.twin.fleet import Fleet
 from robolamp.twin.model import TwinModel, build, fingerprint
 from robolamp.twin.spread import load_spread
 
+CONTROLLER = "controller.toml"
+"""The best controller so far, in a run's folder."""
+TASK = "task.toml"
+"""The task as it is run, in a run's folder."""
 _LAMPS = 24  # at least, drawn from the spread for a run besides the calibrated one
 _JUDGED = 4  # fresh sets of cases that decide between candidates, where cases are drawn anew, and whether tuning paid
 _COUNTS = ("tried", "cached", "inherited", "stopped")
@@ -97,18 +102,32 @@ def evolve(
         "tuning": tuning,
         "command": command,
         "reuse": reuse,
+        "task_sha256": hashlib.sha256(task.source.encode()).hexdigest(),
         "lamp": "" if assets.own is None else str(assets.own.resolve()),
         "calibration": str(calibration.path.resolve()),
         "calibration_sha256": calibration.hash,
         "terms": "" if terms is None else str(terms.resolve()),
         "terms_sha256": "" if terms is None else sha256(terms),
     }
-    for name in (PROGRESS, "controller.toml", CHECKPOINT, RECORD):
-        if (folder / name).exists():
-            raise FileError("holds a run already; go on with --resume, or give another folder with -o", str(folder))
+    for seeded in seeds:
+        if seeded.control_period != task.control_period:
+            periods = f"{seeded.control_period:g} s; the task's is {task.control_period:g} s"
+            raise RobolampError(f"has a control period of {periods}", f"seed {seeded.name}")
+    _refuse_taken(folder)
     run = Run(task, lamp, calibration, assets, folder, record, workers, evaluator, progress)
-    run.begin(seeds)
-    return run.go()
+    with alone(folder):
+        _refuse_taken(folder)
+        run.begin(seeds)
+        return run.go()
+
+
+def _refuse_taken(folder: Path) -> None:
+    # What was stopped before its first checkpoint holds nothing to go on with: it may be begun again.
+    unbegun = (folder / RECORD).exists() and not (folder / CHECKPOINT).exists()
+    for name in (CHECKPOINT, CONTROLLER, *(() if unbegun else (RECORD, PROGRESS, TASK))):
+        if (folder / name).exists():
+            message = f"holds a run, or a {name}, already; go on with --resume, or give another folder with -o"
+            raise FileError(message, str(folder))
 
 
 def resume(
@@ -131,10 +150,11 @@ def resume(
     Raises:
         FileError: The folder holds no run, or what the run was made from has changed.
     """
-    run = open_run(folder, workers=workers, evaluator=evaluator, progress=progress, warn=warn)
-    return run.go()
+    with open_run(folder, workers=workers, evaluator=evaluator, progress=progress, warn=warn) as run:
+        return run.go()
 
 
+@contextmanager
 def open_run(
     folder: Path,
     *,
@@ -142,9 +162,23 @@ def open_run(
     evaluator: MakeEvaluator | None = None,
     progress: Callable[[Generation], None] = lambda _: None,
     warn: Callable[[str], None] = lambda _: None,
-) -> Run:
-    """Return a run at its last checkpoint; see `resume`."""
+) -> Iterator[Run]:
+    """Open a run at its last checkpoint, and keep others from it; see `resume`."""
     record = read_record(folder)
+    if not (folder / CHECKPOINT).exists():
+        raise FileError("was stopped before its first checkpoint; begin it again with -o", str(folder))
+    with alone(folder):
+        yield _opened(folder, record, workers, evaluator, progress, warn)
+
+
+def _opened(
+    folder: Path,
+    record: Mapping[str, Any],
+    workers: int | None,
+    evaluator: MakeEvaluator | None,
+    progress: Callable[[Generation], None],
+    warn: Callable[[str], None],
+) -> Run:
     if record["terms"]:
         check_unchanged(Path(record["terms"]), record["terms_sha256"])
         load_terms(Path(record["terms"]))
@@ -152,7 +186,8 @@ def open_run(
     calibration = load_calibration(assets, record["calibration"])
     check_unchanged(calibration.path, record["calibration_sha256"])
     lamp = load_lamp(assets)
-    task = load_task(assets, folder / "task.toml", len(lamp.joints))
+    check_unchanged(folder / TASK, record["task_sha256"])
+    task = load_task(assets, folder / TASK, len(lamp.joints))
     for line in differences(machine(), {"where the run began": record["machine"]}):
         warn(f"results may differ in the last bit: {line}")
     run = Run(task, lamp, calibration, assets, folder, record, workers, evaluator, progress)
@@ -193,7 +228,7 @@ class Run:
             others = max(_LAMPS, task.cases.lamps - 1)
             lamps += [made(spread.draw(self._rng["drawn"], joints)) for _ in range(others)]
         self._lamps = len(lamps)
-        self._twin = fingerprint(lamps[0])
+        self._twin = fingerprint(lamps)
         make = evaluator or (lambda twins, period: Fleet(twins, period, workers))
         self._evaluator = make(lamps, task.control_period)
         self._terminals = task.terminals(joints)
@@ -203,7 +238,6 @@ class Run:
         self._history: list[Generation] = []
         self._state = Checkpoint()
         self._memory = Memory()
-        self._fitness = math.inf  # of the controller on disk
 
     def begin(self, seeds: Sequence[Controller]) -> None:
         """Claim the folder, and draw the first generation.
@@ -217,18 +251,23 @@ class Run:
         self._state.mothers = [-1] * len(population)
         self._state.promise = [0.0] * len(population)
         write_record({**self._record, "twin_sha256": self._twin}, self._folder)
-        write_atomic(self._folder / "task.toml", self._task.source)
+        write_atomic(self._folder / TASK, self._task.source)
         write_progress((), self._folder)
         self._checkpoint()
 
     def restore(self) -> None:
         """Go back to the last checkpoint."""
         if self._record["twin_sha256"] != self._twin:
-            raise FileError("the lamp's model is not the one the run began with", str(self._folder / RECORD))
+            message = "the lamp (its description, its model, or spread.toml) is not the one the run began with"
+            raise FileError(message, str(self._folder / RECORD))
         self._state = state = load_checkpoint(self._folder, self._terminals)
         self._history = read_progress(self._folder, state.lines)
-        for name, stored in state.rng.items():
-            self._rng[name].bit_generator.state = stored
+        self._cases = [Case(*case) for case in state.cases]
+        try:
+            for name, stream in self._rng.items():
+                stream.bit_generator.state = state.rng[name]
+        except (KeyError, TypeError, ValueError) as error:
+            raise FileError(f"is damaged: random generators: {error}", str(self._folder / CHECKPOINT)) from None
         # The runs of parents are not stored but made again: physics is deterministic.
         if state.traced:
             race = Race(
@@ -238,9 +277,8 @@ class Run:
             race.all()
             self._memory = race.remember(state.traced)
         self._memory.values = state.known
-        controller = self._folder / "controller.toml"
-        if controller.exists():
-            self._fitness = float(tomllib.loads(read_text(controller))["scores"]["fitness"])
+        if state.controller:
+            write_atomic(self._folder / CONTROLLER, state.controller)
         totals = state.totals
         self._began = time.perf_counter() - totals.get("wall_s", 0.0)
         self._trials.seconds = totals.get("physics_s", 0.0)
@@ -266,7 +304,7 @@ class Run:
         state = self._state
         while state.stage == "evolution":
             self._generation()
-            if state.generation == self._task.gp.generations:
+            if state.generation >= self._task.gp.generations:
                 if self._task.cases.fresh:
                     self._judge_candidates()
                 state.stage = "tuning" if self._record["tuning"] else "done"
@@ -274,7 +312,7 @@ class Run:
             self._checkpoint()
         if state.stage == "tuning":
             self._tune()
-        return Result(self._folder / "controller.toml", self._fitness, self.history)
+        return Result(self._folder / CONTROLLER, state.fitness, self.history)
 
     def _generation(self) -> None:
         state, task, gp = self._state, self._task, self._task.gp
@@ -286,8 +324,9 @@ class Run:
         mothers = [None if mother < 0 else state.parents[mother] for mother in state.mothers]
         reuse = bool(self._record["reuse"])
         race = Race(
-            self._trials, self._cases, self._lamp, task.control_period, state.population, mothers, self._memory, reuse
-        )
+            self._trials, self._cases, self._lamp, task.control_period, state.population, mothers, self._memory,
+            reuse=reuse, record=not last and not task.cases.fresh,
+        )  # fmt: skip
         tournaments = np.zeros((0, 1), np.int64) if plan is None else plan.tournaments
         if gp.screening < 1.0:
             race.screen(gp.screening, phase, state.generation)
@@ -354,6 +393,7 @@ class Run:
     def _checkpoint(self) -> None:
         state = self._state
         state.lines = len(self._history)
+        state.cases = [(case.goal, case.lamp, case.goal_time) for case in self._cases]
         state.rng = {name: stream.bit_generator.state for name, stream in self._rng.items()}
         state.totals |= {
             "physics_steps": self._evaluator.steps,
@@ -405,7 +445,8 @@ class Run:
 
     def _save(self, champion: Genome, score: Score, tuning: int = 0) -> None:
         """Write the controller file, with its score on the run's cases."""
-        self._fitness = float(score.main[0] + score.style[0])
+        state = self._state
+        state.fitness = float(score.main[0] + score.style[0])
         controller = Controller(
             name=slug(self._folder.resolve().name),
             task=self._task.name,
@@ -414,7 +455,7 @@ class Run:
             expressions=champion,
             joints=self._lamp.names,
             scores={
-                "fitness": self._fitness,
+                "fitness": state.fitness,
                 "hits": int(score.hits[0]),
                 "hits_1997": int(score.hits_1997[0]),
                 "falls": int(score.falls[0]),
@@ -431,4 +472,5 @@ class Run:
                 "versions": {name: version(name) for name in ("robolamp", "mujoco", "numpy", "numba")},
             },
         )
-        save_controller(controller, self._folder / "controller.toml")
+        state.controller = format_controller(controller)
+        write_atomic(self._folder / CONTROLLER, state.controller)

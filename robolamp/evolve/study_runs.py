@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import json
 import re
 import shlex
 import shutil
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,8 +24,9 @@ from robolamp.evolve.progress import Generation
 from robolamp.evolve.run import evolve, resume
 from robolamp.evolve.study import TASK, Order, Point
 from robolamp.evolve.task import load_task
-from robolamp.files import read_text, write_atomic
+from robolamp.files import alone, read_text, write_atomic
 from robolamp.lamp import Lamp
+from robolamp.twin.model import build, fingerprint
 
 _COLUMNS = ("individuals", "best_fitness", "best_whole", "champion_fitness", "physics_steps")
 
@@ -62,7 +62,7 @@ class Scale:
     Attributes:
         settings: What `--set` changes of the task, each as KEY=VALUE, sorted.
         calibration: Name of the twin's numbers.
-        inputs: The task as read, and the hash of the calibration, by name.
+        inputs: The task as read, and the hashes of the calibration and of the lamp, by name.
     """
 
     settings: tuple[str, ...]
@@ -70,15 +70,21 @@ class Scale:
     inputs: Mapping[str, Any]
 
     @classmethod
-    def of(cls, assets: Assets, calibration: Calibration, words: Sequence[str]) -> Scale:
-        """Return the scale of runs to be made.
+    def of(cls, assets: Assets, lamp: Lamp, calibration: Calibration, words: Sequence[str]) -> Scale:
+        """Return the scale of runs to be made; of a key that is set twice the last value counts.
 
         Raises:
-            RobolampError: No task comes of the words.
+            RobolampError: No task comes of the words, or no model of the lamp.
         """
-        settings = tuple(sorted(words))
-        task = tomllib.loads(load_task(assets, TASK, overrides=settings).source)
-        return cls(settings, calibration.name, {"task": task, "calibration_sha256": calibration.hash})
+        settings = tuple(sorted({word.partition("=")[0].strip(): word for word in words}.values()))
+        task = load_task(assets, TASK, overrides=settings)
+        twin = build(lamp, calibration, assets, timestep=task.timestep)
+        inputs = {
+            "task": tomllib.loads(task.source),
+            "calibration_sha256": calibration.hash,
+            "lamp_sha256": fingerprint([twin]),
+        }
+        return cls(settings, calibration.name, inputs)
 
 
 class Shelf:
@@ -128,7 +134,7 @@ class Shelf:
         before = self.scale()
         if before is None or before == scale:
             return
-        what = "another luxo-1997.toml or calibration file"
+        what = "another luxo-1997.toml, calibration or lamp"
         if before.settings != scale.settings:
             old, new = (" ".join(each.settings) or "(nothing)" for each in (before, scale))
             what = f"--set {old}, not {new}"
@@ -136,25 +142,9 @@ class Shelf:
             what = f"--calibration {before.calibration}, not {scale.calibration}"
         raise FileError(f"holds runs made with {what}: they would not compare; give another -o", str(self.runs))
 
-    @contextlib.contextmanager
-    def alone(self) -> Iterator[None]:
-        """Keep other processes from working on the runs here, until this one is done or dies.
-
-        Raises:
-            FileError: Another one is at work, or the folder cannot be written.
-        """
-        path = self.runs / ".lock"
-        try:
-            self.runs.mkdir(parents=True, exist_ok=True)
-            stream = path.open("a")
-        except OSError as error:
-            raise FileError(f"cannot be written: {error.strerror or error}", str(self.runs)) from None
-        with stream:
-            try:
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                raise FileError("another `robolamp study` is at work here", str(self.runs)) from None
-            yield
+    def alone(self) -> AbstractContextManager[None]:
+        """Keep other processes from working on the runs here; see `robolamp.files.alone`."""
+        return alone(self.runs)
 
     def path(self, order: Order) -> Path:
         """Return a run's folder."""

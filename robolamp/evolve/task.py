@@ -304,6 +304,8 @@ def parse_task(source: str, joints: int, where: str) -> Task:
         gp=_settings(root.table("gp")),
         source=source,
     )
+    if not any((*task.main.values(), *task.style.values())):
+        raise root.fail("main", "no term of [main] or [style] weighs more than 0: every controller would be as good")
     if isinstance(task.signals, tuple) and "goal_time" in task.signals and cases.goal_time is None:
         raise root.fail("signals", "goal_time needs cases.goal_time, which the task does not give")
     root.done()

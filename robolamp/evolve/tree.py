@@ -51,6 +51,8 @@ class Breeder:
     def _grow(self, rng: np.random.Generator, limit: int, full: bool, tokens: list[Token]) -> None:
         names = tuple(PRIMITIVES)
         choices = len(names) + len(self.terminals)
+        if len(tokens) > self.task.gp.nodes:  # too large already: what is grown does not matter
+            limit = 0
         if limit == 0 or (not full and tokens and rng.random() < len(self.terminals) / choices):
             tokens.append(self._leaf(rng))
             return

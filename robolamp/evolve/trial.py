@@ -20,7 +20,8 @@ from robolamp.twin.judge import Outcome
 from robolamp.twin.poses import KeyPose
 from robolamp.twin.trace import Trace
 
-_LANES_AT_ONCE = 6000  # about 67 MB of simulation state, and 200 MB of a trace
+_LANES_AT_ONCE = 6000  # about 67 MB of simulation state
+_TRACE_AT_ONCE = 250e6  # bytes of what controllers saw and sent
 
 MEASURES = ("main", "style", "hit", "hit_1997", "fallen", "hops", "flight_share")
 """What is kept of a trial, in this order; NaN where a trial was not made."""
@@ -157,10 +158,14 @@ class Trials:
         Yields:
             Which of the pairs, their `MEASURES` (shape (m, 7)), and their trace.
         """
-        task = self._task
-        for start in range(0, len(pairs), _LANES_AT_ONCE):
+        task, at_once = self._task, _LANES_AT_ONCE
+        if record:
+            width = len(self._terminals) + len(genomes[0])
+            lane = 8.0 * width * task.duration / task.control_period
+            at_once = max(1, min(at_once, int(_TRACE_AT_ONCE / lane)))
+        for start in range(0, len(pairs), at_once):
             began = time.perf_counter()
-            part = slice(start, min(start + _LANES_AT_ONCE, len(pairs)))
+            part = slice(start, min(start + at_once, len(pairs)))
             used, index = np.unique(pairs[part, 0], return_inverse=True)
             programs = [self.program(genomes[genome]) for genome in used]
             jobs = [

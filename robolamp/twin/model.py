@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -226,8 +227,12 @@ def build(
     )
 
 
-def fingerprint(twin: TwinModel) -> str:
-    """Return the SHA-256 of a compiled model: of everything its physics depends on."""
-    buffer = np.empty(mujoco.mj_sizeModel(twin.model), np.uint8)
-    mujoco.mj_saveModel(twin.model, None, buffer)
-    return hashlib.sha256(buffer.tobytes()).hexdigest()
+def fingerprint(twins: Sequence[TwinModel]) -> str:
+    """Return the SHA-256 of lamps: their descriptions, and their models as compiled."""
+    digest = hashlib.sha256()
+    for twin in twins:
+        buffer = np.empty(mujoco.mj_sizeModel(twin.model), np.uint8)
+        mujoco.mj_saveModel(twin.model, None, buffer)
+        digest.update(twin.lamp.source.encode())
+        digest.update(buffer.tobytes())
+    return digest.hexdigest()

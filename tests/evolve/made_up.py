@@ -18,7 +18,7 @@ QUICK = ("duration=0.5", "timestep=0.004")
 def shelf(folder: Path, *settings: str) -> Shelf:
     """A folder of runs, claimed."""
     made = Shelf(folder)
-    made.claim(Scale.of(ASSETS, CALIBRATION, settings or QUICK))
+    made.claim(Scale.of(ASSETS, LAMP, CALIBRATION, settings or QUICK))
     return made
 
 

@@ -48,7 +48,14 @@ def begin(folder: Path, *overrides: str, stop_after: int | None = None, **option
 
 @pytest.mark.parametrize(
     ("overrides", "stop_after"),
-    [((), 1), ((), 3), (("gp.selection=lexicase",), 2), (("cases.fresh=true",), 3), (("cases.lamps=2",), 4)],
+    [
+        ((), 1),
+        ((), 3),
+        (("gp.selection=lexicase",), 2),
+        (("cases.fresh=true",), 3),
+        (("cases.lamps=2",), 4),
+        (("cases.fresh=true",), 6),
+    ],
 )
 def test_a_run_that_was_stopped_goes_on_to_the_same_end(
     tmp_path: Path, overrides: tuple[str, ...], stop_after: int
@@ -146,22 +153,42 @@ def test_what_cannot_be_resumed_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="holds no run; expected a folder made by robolamp evolve -o"):
         resume(tmp_path)
     folder = tmp_path / "walk"
-    begin(folder, stop_after=1)
+    begin(folder, stop_after=2)
     checkpoint = (folder / "checkpoint.json").read_text()
     for text in ("", "{", "[]", '{"schema": 9}', checkpoint[: len(checkpoint) // 2], checkpoint.replace("(", "[", 1)):
         (folder / "checkpoint.json").write_text(text)
         with pytest.raises(FileError, match=r"checkpoint\.json: (is damaged|schema)"):
             resume(folder)
+    told = json.loads(checkpoint)
+    for changed in (
+        {"stage": "asleep"}, {"population": []}, {"mothers": [-1]}, {"mothers": [99] * 40}, {"rng": {}}, {"lines": 9},
+    ):  # fmt: skip
+        (folder / "checkpoint.json").write_text(json.dumps(told | changed))
+        with pytest.raises(FileError, match=r"is damaged|has 2 lines; expected 9"):
+            resume(folder)
+    (folder / "checkpoint.json").unlink()
+    with pytest.raises(FileError, match="was stopped before its first checkpoint; begin it again with -o"):
+        resume(folder)
     (folder / "checkpoint.json").write_text(checkpoint)
+    (folder / "controller.toml").write_text("not mine")
+    task = (folder / "task.toml").read_text()
+    (folder / "task.toml").write_text(task.replace("generations = 5", "generations = 9"))
+    with pytest.raises(FileError, match=r"task\.toml: has changed since the run began"):
+        resume(folder)
+    (folder / "task.toml").write_text(task)
     record = (folder / "run.toml").read_text()
     (folder / "run.toml").write_text(record.replace('calibration_sha256 = "', 'calibration_sha256 = "0'))
     with pytest.raises(FileError, match=r"nominal\.toml: has changed since the run began"):
         resume(folder)
     (folder / "run.toml").write_text(record.replace('twin_sha256 = "', 'twin_sha256 = "0'))
-    with pytest.raises(FileError, match="the lamp's model is not the one the run began with"):
+    with pytest.raises(FileError, match="is not the one the run began with"):
         resume(folder)
     (folder / "run.toml").write_text(record.replace('processor = "', 'processor = "Antikythera '))
     lines: list[str] = []
-    assert not open_run(folder, warn=lines.append).finished
+    with open_run(folder, warn=lines.append) as opened:
+        assert not opened.finished
+        with pytest.raises(FileError, match="another robolamp is at work here"):
+            resume(folder)
+    assert (folder / "controller.toml").read_text() == json.loads(checkpoint)["controller"]  # mended
     assert len(lines) == 1
     assert "Antikythera" in lines[0]

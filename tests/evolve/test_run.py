@@ -56,7 +56,7 @@ def test_what_a_run_leaves_behind(tmp_path: Path) -> None:
     folder = tmp_path / "deep" / "run"
     seen: list[Generation] = []
     result = run(tiny, folder, progress=seen.append, command="robolamp evolve tiny -o run")
-    names = ["checkpoint.json", "controller.toml", "progress.jsonl", "run.toml", "task.toml"]
+    names = [".lock", "checkpoint.json", "controller.toml", "progress.jsonl", "run.toml", "task.toml"]
     assert sorted(path.name for path in folder.iterdir()) == names
     assert [entry["generation"] for entry in told(folder)] == [0, 1, 2]
     assert told(folder)[-1]["individuals"] == 36
@@ -80,13 +80,27 @@ def score_of(tiny: Task, genomes: list[Genome]):
 
 def test_a_folder_that_holds_a_run_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
     tiny = task(tmp_path)
-    for name in ("progress.jsonl", "controller.toml", "run.toml"):
+    for name in ("progress.jsonl", "controller.toml", "checkpoint.json", "task.toml"):
         folder = tmp_path / name.split(".")[0]
         folder.mkdir()
         (folder / name).write_text("mine")
-        with pytest.raises(FileError, match="holds a run already; go on with --resume, or give another folder with -o"):
+        with pytest.raises(FileError, match="already; go on with --resume, or give another folder with -o"):
             run(tiny, folder)
         assert [path.read_text() for path in folder.iterdir()] == ["mine"]
+
+
+def test_what_was_stopped_before_its_first_checkpoint_may_be_begun_again(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    run(task(tmp_path), folder)
+    for name in ("checkpoint.json", "controller.toml"):
+        (folder / name).unlink()
+    assert run(task(tmp_path), folder).controller.exists()
+
+
+def test_a_seed_of_another_control_period_is_refused(tmp_path: Path) -> None:
+    slow = Controller("slow", "", "position", 0.04, genome("0", "0", "0"), LAMP.names)
+    with pytest.raises(RobolampError, match=r"seed slow: has a control period of 0\.04 s; the task's is 0\.02 s"):
+        run(task(tmp_path), tmp_path / "run", seeds=[slow])
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:

@@ -106,14 +106,14 @@ def test_what_a_study_does_not_vary_may_be_set() -> None:
 def test_a_folder_holds_runs_of_one_scale(tmp_path: Path) -> None:
     shelf = made_up.shelf(tmp_path, "timestep=0.004", "duration=3")
     again = Shelf(tmp_path)
-    again.claim(Scale.of(ASSETS, CALIBRATION, ("duration=3", "timestep=0.004")))  # in any order
+    again.claim(Scale.of(ASSETS, LAMP, CALIBRATION, ("duration=3", "timestep=0.004")))  # in any order
     assert again.scale() == shelf.scale()
     before = (tmp_path / "luxo-1997" / "scale.json").read_bytes()
     with pytest.raises(FileError, match=r"made with --set duration=3 timestep=0\.004, not \(nothing\): .* another -o"):
-        again.claim(Scale.of(ASSETS, CALIBRATION, ()))
+        again.claim(Scale.of(ASSETS, LAMP, CALIBRATION, ()))
     other = replace(CALIBRATION, hash="0" * 64)
-    with pytest.raises(FileError, match=r"another luxo-1997\.toml or calibration file"):
-        again.claim(Scale.of(ASSETS, other, ("duration=3", "timestep=0.004")))
+    with pytest.raises(FileError, match=r"another luxo-1997\.toml, calibration or lamp"):
+        again.claim(Scale.of(ASSETS, LAMP, other, ("duration=3", "timestep=0.004")))
     assert (tmp_path / "luxo-1997" / "scale.json").read_bytes() == before
     for damage in ("", "[]", "{}", "not JSON"):
         (tmp_path / "luxo-1997" / "scale.json").write_text(damage)

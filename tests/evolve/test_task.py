@@ -85,6 +85,11 @@ def test_an_override_that_is_none_is_refused(text: str) -> None:
         ("high = 0.60", "high = 0.01", "cases.high: 0.01 is not a number from 0.05 to 100 m"),
         ("count = 1", "count = 1.5", "cases.count: 1.5 is not a whole number from 1 to 1000"),
         ("count = 1", "counts = 1", "cases.count: missing"),
+        (
+            "distance = 1.0\nfall = 2.0\n\n[style]\nposture = 0.33",
+            "[style]",
+            "main: no term of [main]",
+        ),
         ("posture = 0.33", "elegance = 1", "style.elegance: unknown fitness term; expected one of distance,"),
         ("posture = 0.33", "posture = -1", "style.posture: -1 is not a number from 0 to 1000"),
         ("_mutation = 0.2", "_mutation = 0.4", "gp.constant_mutation: 0.4 is not a number from 0 to 0.3"),

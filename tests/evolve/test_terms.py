@@ -43,7 +43,13 @@ def test_a_term_from_a_file_counts(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("value", "words"),
-    [("-1.0 + 0 * outcome.x", "fitness term 'stretch': gave -1; expected nothing below 0"), ("3.0", "gave shape ()")],
+    [
+        ("-1.0 + 0 * outcome.x", "fitness term 'stretch': gave -1; expected nothing below 0"),
+        ("3.0", "gave shape ()"),
+        ("outcome.nose", "fitness term 'stretch': fails at line 6: AttributeError: 'Outcome' object has no"),
+        ("outcome.x.astype(str)", "TypeError: gave <U32; expected numbers"),
+        ("outcome.x + 1j", "TypeError: gave complex128; expected numbers"),
+    ],
 )
 def test_a_term_that_gives_what_it_may_not_is_named(tmp_path: Path, value: str, words: str) -> None:
     (tmp_path / "tiny.toml").write_text(TINY)
@@ -60,11 +66,13 @@ def test_a_term_that_gives_what_it_may_not_is_named(tmp_path: Path, value: str, 
         ("x = 1 / 0", "fails at line 1: ZeroDivisionError: division by zero"),
         ("def", "fails at line 1: SyntaxError"),
         ("x = 1", "registers no fitness term"),
+        ("raise SystemExit(3)", "fails at line 1: SystemExit: 3"),
+        (OWN.replace("stretch", "fall").format(value=1), "fall': is a term of robolamp's own; choose another name"),
     ],
 )
 def test_a_file_that_is_no_good_is_one_line(tmp_path: Path, text: str, words: str) -> None:
     (tmp_path / "own.py").write_text(text)
-    with pytest.raises(FileError) as caught:
+    with pytest.raises(RobolampError) as caught:
         fitness.load_terms(tmp_path / "own.py")
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
