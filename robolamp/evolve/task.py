@@ -207,7 +207,7 @@ def _settings(table: Table) -> Settings:
     if not shortest.is_integer() or not tallest.is_integer():
         raise table.fail("depth_at_birth", f"[{shortest:g}, {tallest:g}] is not two whole numbers")
     settings = Settings(
-        population=table.integer("population", 2, 100_000),
+        population=table.integer("population", 1, 100_000),
         generations=table.integer("generations", 1, 100_000),
         selection=table.text("selection", SELECTIONS, default="tournament"),
         tournament=table.integer("tournament", 1, 1000, default=6),

@@ -206,3 +206,11 @@ def test_a_simulation_that_diverges_is_a_fall_and_not_a_lamp_that_stands(tmp_pat
     assert score.falls.tolist() == [1]
     assert score.main[0] >= 2.0  # what a fall costs in this task
     assert np.isfinite(score.style).all()
+
+
+def test_a_population_of_one_is_its_seed(tmp_path: Path) -> None:
+    alone = task(tmp_path, ("population = 12", "population = 1"), ("generations = 2", "generations = 1"))
+    seeded = [Controller("s", "", "position", 0.02, genome("0.1", "0.1", "0.1"), LAMP.names)]
+    result = run(alone, tmp_path / "run", seeds=seeded)
+    assert load_controller(result.controller, LAMP).expressions == seeded[0].expressions
+    assert result.generations[-1].individuals == 1
