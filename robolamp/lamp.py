@@ -65,6 +65,8 @@ class Lamp:
         preflight_angle: How far outside its limits a joint may be before the start [rad].
         source: The text of the file it was read from, kept in every log.
         path: The file it was read from.
+        foot_tare: What the foot sensor shows of its own accord with the foot in the air [N].
+        foot_scale: Newtons a newton that the foot sensor shows beyond that.
     """
 
     name: str
@@ -79,6 +81,8 @@ class Lamp:
     preflight_angle: float
     source: str
     path: Path
+    foot_tare: float = 0.0
+    foot_scale: float = 1.0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -159,6 +163,8 @@ def load_lamp(assets: Assets) -> Lamp:
         bus_baud=bus.integer("baud", 9600, 4_500_000),
         foot_port=foot.text("port"),
         foot_baud=foot.integer("baud", 9600, 4_000_000),
+        foot_tare=foot.number("tare", -1000.0, 1000.0, "N", default=0.0),
+        foot_scale=foot.number("scale", 0.001, 1000.0, default=1.0),
         contact_on=contact_on,
         contact_off=foot.number("contact_off", 0.0, contact_on, "N"),
         preflight_angle=safety.number("preflight_angle", 0.0, PREFLIGHT_ANGLE_MAX, "rad"),

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from robolamp.cli.options import DURATION, GOAL_TIME, Setup, length
 from robolamp.cli.output import counted, print_json
 from robolamp.controller.file import check_goal_time
-from robolamp.errors import FileError
+from robolamp.errors import FileError, RobolampError
 
 
 def deploy(
@@ -24,6 +24,11 @@ def deploy(
     duration: Annotated[float, DURATION] = 5.0,
     calibration: str = "nominal",
     lamp: Path | None = None,
+    stage: Literal["shadow", "gentle", "full"] | None = None,
+    after: Path | None = None,
+    force: Annotated[bool, Parameter(negative="")] = False,
+    fix: Annotated[bool, Parameter(negative="")] = False,
+    resume_after_replug: Annotated[bool, Parameter(negative="")] = False,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
@@ -41,6 +46,13 @@ def deploy(
         duration: How long the controller drives, in seconds.
         calibration: The twin's numbers: a file, or a name in calibration/.
         lamp: A folder of your own lamp, laid out like robolamp's.
+        stage: For a first run: shadow (torque stays off: what would be commanded?), then gentle (half the supply, a
+            quarter of the speed), then full. By default full, without asking for the others.
+        after: The log of the stage before, which gentle and full want.
+        force: Run the stage without that log.
+        fix: Mend settings of the servos that are wrong and that software may mend.
+        resume_after_replug: Should the servo port be unplugged and come back within 10 seconds, go on: watchdogs
+            cleared, each joint held where it is, then softly back to where it was. By default the run ends.
         output: Folder for log and report; by default a new one in runs/.
         as_json: Print one JSON object.
     """
@@ -56,17 +68,28 @@ def deploy(
             )
 
     from robolamp.cli.drive import Drive, drive, run_folder  # after the arguments are checked
-    from robolamp.cli.outcome import account, ended, facts, reporting, tell, tell_of_none, tidying
+    from robolamp.cli.outcome import account, ended, facts, reporting, tell, tell_of_none, tell_of_shadow, tidying
+    from robolamp.cli.stages import STAGES, check_before
     from robolamp.compare.report import sentence
     from robolamp.compare.run import compare_log
     from robolamp.runtime.stop import StopRequest
 
+    chosen = STAGES[stage] if stage else None
+    for option, given in (("--after", after is not None), ("--force", force)):
+        if given and not (chosen and chosen.before):
+            raise RobolampError("is for --stage gentle and --stage full", option)
+    if chosen and not force:
+        check_before(chosen, after, loaded.source, setup.lamp)
     folder = run_folder(output, loaded, distance)
-    plan = Drive(setup, loaded, distance, duration, "lamp", folder / "log.mcap", goal_time)
+    plan = Drive(
+        setup, loaded, distance, duration, "lamp", folder / "log.mcap", goal_time, chosen, fix, resume_after_replug
+    )
     with tidying(plan), StopRequest() as stop:
         result = drive(plan, servos, foot, stop, as_json)
     if not plan.phases["run"]:
         return tell_of_none(plan, result, as_json)
+    if chosen and not chosen.powered:
+        return tell_of_shadow(plan, result, as_json)
     with reporting(plan.log):
         comparison = compare_log(
             plan.log, assets=setup.assets, calibration=setup.calibration, out=folder / "report.html"

@@ -9,20 +9,24 @@ from pathlib import Path
 
 from robolamp.cli.live import LiveView
 from robolamp.cli.options import Setup
+from robolamp.cli.stages import STAGES, Stage
 from robolamp.controller.file import Controller
 from robolamp.controller.pilot import Pilot
-from robolamp.dynamixel.bus import PATIENCE
+from robolamp.dynamixel.bus import PATIENCE, Port
 from robolamp.errors import FileError
+from robolamp.foot.sensor import ByteSource
 from robolamp.log.context import run_context
 from robolamp.log.writer import LogWriter
 from robolamp.robot.lamp import RobotLamp
+from robolamp.robot.shadow import ShadowLamp
 from robolamp.runtime.clock import MonotonicClock
 from robolamp.runtime.loop import run
 from robolamp.runtime.result import RunResult
 from robolamp.runtime.stop import StopRequest
-from robolamp.signals import Tick
+from robolamp.signals import Clock, Tick
 
-_EMULATOR_PATIENCE = 0.006  # the emulator is one process among others and may be scheduled late [s]
+_EMULATOR_PATIENCE = 0.012  # the emulator is one process among others and may be scheduled late; of a tick of 20 ms [s]
+_PSEUDO_TERMINALS = Path("/dev/pts")  # where emulated ports are; a servo's never is
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,9 @@ class Drive:
         backend: "emulator" or "lamp", for the log.
         log: The log file.
         goal_time: Commanded time to take for the way [s]; None: none is commanded.
+        stage: How far it may go; None: all the way, and the log names no stage.
+        fix: Whether settings of the servos that are wrong are mended first.
+        resume: Whether the run goes on after the servo port was unplugged and came back.
         phases: How many ticks there were so far, by phase.
     """
 
@@ -47,18 +54,42 @@ class Drive:
     backend: str
     log: Path
     goal_time: float | None = None
+    stage: Stage | None = None
+    fix: bool = False
+    resume: bool = False
     phases: Counter[str] = field(default_factory=Counter)
 
 
-def drive(plan: Drive, servo_port: str, foot_port: str, stop: StopRequest, quiet: bool) -> RunResult:
+@dataclass(frozen=True)
+class VirtualTime:
+    """A lamp in virtual time.
+
+    Attributes:
+        clock: Its clock.
+        epoch: Nanoseconds since the epoch at that clock's 0.
+    """
+
+    clock: Clock
+    epoch: int
+
+
+def drive(
+    plan: Drive,
+    servo_port: str | Port,
+    foot_port: str | ByteSource,
+    stop: StopRequest,
+    quiet: bool,
+    virtual: VirtualTime | None = None,
+) -> RunResult:
     """Run a controller on a lamp behind two serial ports.
 
     Args:
         plan: What to do.
-        servo_port: Port of the servo bus.
-        foot_port: Port of the foot sensor.
+        servo_port: Port of the servo bus: a path, or a port object.
+        foot_port: Port of the foot sensor: a path, or a port object.
         stop: Requests to stop.
         quiet: No live view.
+        virtual: The time that passes at the ports; None: real time.
 
     Returns:
         How it went.
@@ -68,11 +99,15 @@ def drive(plan: Drive, servo_port: str, foot_port: str, stop: StopRequest, quiet
         SafetyError: The lamp is in no state to be moved.
         FileError: The log cannot be written.
     """
-    lamp = plan.setup.lamp
+    stage = plan.stage or STAGES["full"]
+    lamp = stage.lamp(plan.setup.lamp)
     pilot = Pilot(plan.controller, lamp, plan.goal, plan.goal_time)  # compiled before anything is connected
-    clock = MonotonicClock()
-    patience = _EMULATOR_PATIENCE if plan.backend == "emulator" else PATIENCE
-    robot = RobotLamp(lamp, servo_port, foot_port, clock, patience=patience)
+    clock = virtual.clock if virtual else MonotonicClock()
+    emulated = isinstance(servo_port, str) and Path(servo_port).resolve().is_relative_to(_PSEUDO_TERMINALS)
+    patience = _EMULATOR_PATIENCE if emulated else PATIENCE
+    epoch = virtual.epoch if virtual else None
+    robot = RobotLamp(lamp, servo_port, foot_port, clock, patience=patience, duty=stage.duty, fix=plan.fix)
+    backend = robot if stage.powered else ShadowLamp(robot, lamp)
     context = run_context(
         backend=plan.backend,
         lamp=lamp,
@@ -84,10 +119,12 @@ def drive(plan: Drive, servo_port: str, foot_port: str, stop: StopRequest, quiet
         goal_time=plan.goal_time,
         control_period=pilot.control_period,
     )
+    if plan.stage:
+        context |= {"stage": stage.name, "duty_limit": repr(stage.duty), "slew_share": repr(stage.slew)}
     try:
         robot.open()
         with (
-            LogWriter(plan.log, context=context, joints=lamp.names) as log,
+            LogWriter(plan.log, context=context, joints=lamp.names, epoch=epoch, lossless=bool(virtual)) as log,
             LiveView(lamp, plan.goal, plan.duration, quiet) as view,
         ):
 
@@ -100,9 +137,14 @@ def drive(plan: Drive, servo_port: str, foot_port: str, stop: StopRequest, quiet
                 log.tick(entry)
                 view.tick(entry)
 
+            for text in robot.mended:
+                event("warning", f"mended: {text}")
+            for text in robot.notices:
+                event("info", text)
             result = run(
-                robot, pilot, lamp, period=pilot.control_period, duration=plan.duration,
-                on_tick=tick, on_event=event, stop=stop,
+                backend, pilot, lamp, period=pilot.control_period, duration=plan.duration,
+                on_tick=tick, on_event=event, stop=stop, powered=stage.powered,
+                reconnect=robot.reconnect if plan.resume and stage.powered else None,
             )  # fmt: skip
     finally:
         robot.close()

@@ -33,6 +33,8 @@ def dry_run(
     reality: str = "worn",
     calibration: str = "nominal",
     lamp: Path | None = None,
+    faults: Path | None = None,
+    lockstep: Annotated[bool, Parameter(negative="")] = False,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
@@ -46,6 +48,8 @@ def dry_run(
         reality: How the emulated lamp differs from its twin: a file, the name of one (worn), or none.
         calibration: The twin's numbers: a file, or a name in calibration/.
         lamp: A folder of your own lamp, laid out like robolamp's.
+        faults: A TOML script of what goes wrong on the emulated bus; what was injected goes to injections.jsonl.
+        lockstep: In one process and virtual time: faster than real time, and the same numbers each time.
         output: Folder for log, truth and report; by default a new one in runs/.
         as_json: Print one JSON object.
     """
@@ -58,26 +62,38 @@ def dry_run(
     from robolamp.cli.outcome import account, ended, facts, reporting, tell, tell_of_none, tidying
     from robolamp.compare.report import sentence
     from robolamp.compare.run import compare_log
+    from robolamp.emulator.faults import Faults, load_faults
     from robolamp.emulator.reality import load_reality
     from robolamp.log.reader import read_run, read_truth
     from robolamp.runtime.stop import StopRequest
 
-    load_reality(reality, setup.lamp, setup.assets)  # refused here in one line, not by the emulator
+    bent = load_reality(reality, setup.lamp, setup.assets)  # refused here in one line, not by the emulator
+    script = load_faults(faults, tuple(joint.id for joint in setup.lamp.joints)) if faults else Faults("none")
     folder = run_folder(output, loaded, distance)
-    log, truth_log = folder / "log.mcap", folder / "truth.mcap"
+    log, truth_log, injections = folder / "log.mcap", folder / "truth.mcap", folder / "injections.jsonl"
     console = Console(quiet=as_json, highlight=False, soft_wrap=True)
     plan = Drive(setup, loaded, distance, duration, "emulator", log, goal_time)
-    with tidying(plan, truth_log), StopRequest() as stop:
-        options = ["--reality", reality, "--calibration", calibration, "--truth", str(truth_log)]
-        if lamp is not None:
-            options += ["--lamp", str(lamp)]
-        with _emulator(options) as ports:
-            console.print(
-                f"Emulated lamp (reality: {reality}) on {ports['servo_port']} and {ports['foot_port']}; "
-                f"{loaded.name} goes {distance:.2f} m.",
-                markup=False,
-            )
-            result = drive(plan, ports["servo_port"], ports["foot_port"], stop, as_json)
+    goes = f"{loaded.name} goes {distance:.2f} m."
+    with tidying(plan, truth_log, injections), StopRequest() as stop:
+        if lockstep:
+            from robolamp.cli.lockstep import lockstep_lamp
+
+            console.print(f"Emulated lamp (reality: {reality}) in lockstep; {goes}", markup=False)
+            with lockstep_lamp(setup, bent, script, truth_log, injections if faults else None) as (ports, virtual):
+                result = drive(plan, ports.servo_port, ports.foot_port, stop, as_json, virtual)
+        else:
+            options = ["--reality", reality, "--calibration", calibration, "--truth", str(truth_log)]
+            if lamp is not None:
+                options += ["--lamp", str(lamp)]
+            if faults is not None:
+                folder.mkdir(parents=True, exist_ok=True)
+                options += ["--faults", str(faults), "--injections", str(injections), "--ports", str(folder)]
+            with _emulator(options) as ports:
+                console.print(
+                    f"Emulated lamp (reality: {reality}) on {ports['servo_port']} and {ports['foot_port']}; {goes}",
+                    markup=False,
+                )
+                result = drive(plan, ports["servo_port"], ports["foot_port"], stop, as_json)
     if not plan.phases["run"]:
         return tell_of_none(plan, result, as_json)
     with reporting(log):
@@ -101,6 +117,7 @@ def dry_run(
                 "fell": fell,
                 "verdict": comparison.verdict,
                 "truth": truth_log,
+                "injections": injections if faults else None,
                 "report": comparison.report,
             }
         )
@@ -111,7 +128,8 @@ def dry_run(
             f" {counted(result.hops, 'hop')}; {ended(result)}.\n"
             f"{account(result)}\n"
             f"Twin against emulated lamp: {sentence(comparison)}\n"
-            f"log     {log}\ntruth   {truth_log}\nreport  {comparison.report}",
+            f"log     {log}\ntruth   {truth_log}\nreport  {comparison.report}"
+            + (f"\ninjected {injections}" if faults else ""),
         )
     return 0 if result.ended == "finished" and not fell else 1
 

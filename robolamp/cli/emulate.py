@@ -1,31 +1,37 @@
-"""`robolamp emulate`: the emulated lamp, for any client."""
+"""`robolamp emulate`: the emulated lamp, or servos without one, for any client."""
 
 from __future__ import annotations
 
+import contextlib
 import os
+import sys
 import time
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from robolamp.assets import Assets
-from robolamp.calibration import load_calibration
 from robolamp.cli.output import print_json
-from robolamp.errors import FileError
-from robolamp.lamp import Lamp, load_lamp
+from robolamp.errors import FileError, RobolampError
 from robolamp.runtime.stop import StopRequest
 
 
 def emulate(
     *,
     lamp: Path | None = None,
-    calibration: str = "nominal",
-    reality: str = "worn",
+    calibration: str | None = None,
+    reality: str | None = None,
     truth: Path | None = None,
+    servos: Path | None = None,
+    factory: Annotated[bool, Parameter(negative="")] = False,
+    eeprom: Path | None = None,
+    faults: Path | None = None,
+    injections: Path | None = None,
+    ports: Path | None = None,
+    traffic: Annotated[bool, Parameter(negative="")] = False,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
-    """Run an emulated lamp until Ctrl-C: Dynamixel servos and a foot sensor.
+    """Run an emulated lamp, or servos without one, until Ctrl-C.
 
     Each is behind a serial port of its own that any client can open; the
     lamp's physics runs behind them in real time. The lamp starts upright, each
@@ -35,68 +41,85 @@ def emulate(
 
     Args:
         lamp: Your own lamp's folder (laid out like robolamp's: hardware/, sim/, calibration/).
-        calibration: Calibration file, or the name of one: what the physics is calculated with.
-        reality: How this lamp differs from that calibration: a file, the name of one ("worn"), or "none".
+        calibration: Calibration file, or the name of one (nominal): what the physics is calculated with.
+        reality: How this lamp differs from that calibration: a file, the name of one (worn), or none.
         truth: Write what really happens (base, contacts, true angles) to this MCAP log.
+        servos: Instead of a lamp, the servos of this TOML file, each with a motor of its own.
+        factory: New servos (id 1, 57600 baud), only the first plugged in; Enter or SIGUSR1 plugs the next one in.
+        eeprom: With --servos: a folder that keeps each servo's EEPROM from one start to the next.
+        faults: A TOML script of what goes wrong, and when.
+        injections: Write each fault that is injected to this file, a line of JSON each.
+        ports: A folder for links "servo" and "foot" to the ports; they survive that a fault unplugs a port.
+        traffic: Show each packet on the servo port in words, on stderr.
         as_json: Print one JSON line when ready, and end with the process that started this one.
     """
     parent = os.getppid()
-    with StopRequest() as stop:  # before all that takes seconds to load
-        from robolamp.emulator.lamp import EmulatedLamp  # mujoco is loaded after the arguments are checked
-        from robolamp.emulator.process import REAL_TIME_GAP, Process
-        from robolamp.emulator.reality import load_reality
-        from robolamp.emulator.truth import TruthLog
-        from robolamp.log.context import versions
+    with StopRequest() as stop, contextlib.ExitStack() as closing:  # before all that takes seconds to load
+        for_a_lamp = {"--lamp": lamp, "--calibration": calibration, "--reality": reality, "--truth": truth}
+        for option, value in for_a_lamp.items():
+            if servos is not None and value is not None:
+                raise RobolampError("cannot be used with --servos: there is no lamp", option)
+        if servos is None and eeprom is not None:
+            raise RobolampError("needs --servos; a lamp's EEPROM is what hardware/lamp.toml says", "--eeprom")
+        from robolamp.cli.emulating import Hand, InjectionLog, bare_rig, lamp_rig
+        from robolamp.emulator.process import Process
+        from robolamp.emulator.traffic import Traffic
 
-        assets = Assets.of(lamp)
-        description = load_lamp(assets)
-        numbers = load_calibration(assets, calibration)
-        bent = load_reality(reality, description, assets)
-        emulated = EmulatedLamp(description, numbers, assets, bent, gap=REAL_TIME_GAP)
+        if servos is not None:
+            rig = bare_rig(servos, faults, factory, eeprom)
+        else:
+            rig = lamp_rig(lamp, calibration or "nominal", reality or "worn", faults, factory)
+        if rig.faults.unplugs and ports is None:
+            raise RobolampError("unplugs a port; give --ports DIR, whose links survive that", str(faults))
+        report = InjectionLog(injections)
+        closing.callback(report.close)
+        rig.world.injector.report = report.write
         start = time.monotonic()
         log = None
-        if truth is not None:
+        if truth is not None and rig.lamp is not None:
+            from robolamp.emulator.lamp import EmulatedLamp
+            from robolamp.emulator.truth import TruthLog
+            from robolamp.log.context import versions
+
+            description, numbers, bent = rig.lamp
             context = {"backend": "emulator", "lamp": description.source, "calibration": numbers.source}
-            log = TruthLog(truth, emulated, start, {**context, "reality": bent.name, "versions": versions()})
-        process = Process(emulated, start, log.shift if log else None)
-        try:
-            if as_json:
-                print_json(
-                    {
-                        "servo_port": process.servo_port,
-                        "foot_port": process.foot_port,
-                        "servos": [
-                            {"joint": joint.name, "id": joint.id, "model": joint.servo} for joint in description.joints
-                        ],
-                        "pid": os.getpid(),
-                    }
-                )
-            else:
-                print(
-                    _description(process.servo_port, process.foot_port, bent.name, numbers.name, description),
-                    flush=True,
-                )
-            process.run(lambda: bool(stop.requests) or (as_json and os.getppid() != parent))
-        finally:
-            process.close()
-            if log:
-                log.close()
+            assert isinstance(rig.world, EmulatedLamp)
+            log = TruthLog(truth, rig.world, start, {**context, "reality": bent.name, "versions": versions()})
+            closing.callback(log.close)
+        process = Process(
+            rig.world,
+            start,
+            log.shift if log else None,
+            links=ports.absolute() if ports else None,
+            foot=rig.foot,
+            traffic=Traffic(rig.models, _tell) if traffic else None,
+        )
+        closing.callback(process.close)
+        hand = closing.enter_context(Hand(rig, enter=factory and not as_json and sys.stdin.isatty(), say=_tell))
+        if as_json:
+            print_json(
+                {
+                    "servo_port": process.servo_port,
+                    "foot_port": process.foot_port,
+                    "servos": [{"joint": servo.name, "id": servo.id, "model": servo.model} for servo in rig.servos],
+                    "pid": os.getpid(),
+                }
+            )
+        else:
+            print("\n".join(rig.lines(process.servo_port, process.foot_port)), flush=True)
+            if factory:
+                print(f"plugged in: {rig.servos[0].name}; Enter plugs the next one in", flush=True)
+
+        def ended() -> bool:
+            hand.poll()
+            return bool(stop.requests) or (as_json and os.getppid() != parent)
+
+        process.run(ended)
     if log and log.error:
         raise FileError(f"the truth log ended early: {log.error}", str(truth))
     return 0
 
 
-def _description(servo_port: str, foot_port: str, reality: str, calibration: str, lamp: Lamp) -> str:
-    servos = ", ".join(f"{joint.name} = {joint.servo} id {joint.id}" for joint in lamp.joints)
-    return "\n".join(
-        [
-            f"servo port  {servo_port}   protocol 2.0, {lamp.bus_baud} baud: {servos}",
-            f"foot port   {foot_port}   a frame every 2 ms (hardware/firmware/README.md)",
-            f"plant       {lamp.name}: calibration {calibration}, reality {reality}, in real time; standing, held",
-            "answers     ping, read, write, sync read, sync write, reboot; EEPROM lock, ranges, limits, bus watchdog",
-            "models      P gain, PWM goal, back-EMF, friction, delay, encoder steps, wire time, return delay",
-            "not yet     fast sync and bulk, reg write, indirect addresses, modes other than position, profiles,",
-            "            D and I gain, temperature, voltage sag, hardware errors (docs/emulator.md)",
-            "Ctrl-C ends it.",
-        ]
-    )
+def _tell(line: str) -> None:
+    with contextlib.suppress(OSError):  # nobody reads it any more
+        print(line, file=sys.stderr, flush=True)

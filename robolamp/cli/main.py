@@ -31,6 +31,13 @@ ended by itself and the lamp stands; 1: it fell or was stopped; 2: it could not 
 
 Soft start, hop, soft landing, torque off; then a report that compares the lamp with its twin. Stand the lamp upright
 with room to hop and a hand near its plug. Ctrl-C lands it softly; a second Ctrl-C turns its torque off at once.""",
+    "stop": """Turn every servo's torque off and clear its watchdog: releases a lamp that is frozen.
+
+Hold the lamp: it sinks. Exit code 0: every servo confirmed; 1: some did not, switch the supply off.""",
+    "monitor": "Show what the servos and the foot sensor report, as a table that rewrites itself, until Ctrl-C.",
+    "setup": """Set up the physical lamp: find and number the servos, set zeros, tare the foot, check everything.
+
+STEP is scan, assign, zero, foot or check; hardware/README.md says when to take which.""",
     "compare": """Compare a run of the lamp with its twin, and write a report.
 
 The twin replays the log's goals. Exit code 0: inside the tolerances; 1: outside; 2: could not compare.""",

@@ -11,11 +11,13 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.text import Text
 
 from robolamp.cli.drive import Drive
 from robolamp.cli.output import print_json
+from robolamp.log.reader import read_run
 from robolamp.runtime.result import RunResult
 
 _ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -81,6 +83,45 @@ def tell_of_none(plan: Drive, result: RunResult, as_json: bool) -> int:
     else:
         tell(ended(result), f"\nThe controller never drove: no report.\n{account(result)}\nlog     {plan.log}")
     return 1
+
+
+def tell_of_shadow(plan: Drive, result: RunResult, as_json: bool) -> int:
+    """Tell of a run that only watched: what it would have commanded. The twin has nothing to be compared with.
+
+    Args:
+        plan: What was asked for.
+        result: How it went.
+        as_json: Print one JSON object.
+
+    Returns:
+        The exit code.
+    """
+    run = read_run(plan.log)
+    rows = run.phase == "run"
+    lamp = plan.setup.lamp
+    goals = run.goal[rows]
+    speed = np.abs(np.diff(goals, axis=0)).max(axis=0, initial=0.0) / np.median(np.diff(run.scheduled))
+    commanded = [
+        {
+            "joint": joint.name,
+            "lowest_rad": low,
+            "highest_rad": high,
+            "fastest_rad_s": fastest,
+        }
+        for joint, low, high, fastest in zip(lamp.joints, goals.min(axis=0), goals.max(axis=0), speed, strict=True)
+    ]
+    if as_json:
+        print_json({**facts(plan, result), "stage": "shadow", "commanded": commanded})
+    else:
+        lines = [
+            f"{row['joint']:8} {row['lowest_rad']:+.2f} to {row['highest_rad']:+.2f} rad (limits {joint.lower:+.2f} to "
+            f"{joint.upper:+.2f}), at most {row['fastest_rad_s']:.1f} of {joint.slew:g} rad/s"
+            for row, joint in zip(commanded, lamp.joints, strict=True)
+        ]
+        after = f"next    robolamp deploy ... --stage gentle --after {shlex.quote(str(plan.log))}"
+        said = "\n".join(["; torque stayed off. It would have commanded", *lines, account(result)])
+        tell(ended(result), f"{said}\nlog     {plan.log}\n{after}")
+    return 0 if result.ended == "finished" else 1
 
 
 @contextlib.contextmanager

@@ -1,25 +1,26 @@
 """The servo bus: Protocol 2.0 packets through dynamixel-sdk, with the status of every servo kept apart.
 
-The SDK frames and checks packets. Its GroupSyncRead is not used: it drops the ERR byte, stops at the first servo that
-does not answer, waits 34 ms for it, and its getData() then returns 0. Here each status packet is received on its own
-with a timeout of `patience` after the bytes before it: a silent servo costs that once, and only its own data.
+The SDK checks what comes in and computes CRCs. Its txPacket is not used: it does not send the bytes that it stuffs
+(4.1.0: addStuffing returns a copy that is dropped). Nor is its GroupSyncRead: it drops the ERR byte, stops at the first
+servo that does not answer, waits 34 ms for it, and its getData() then returns 0. Here each status packet is received on
+its own with a timeout of `patience` after the bytes before it: a silent servo costs that once, and only its own data.
 Packets: https://emanual.robotis.com/docs/en/dxl/protocol2/.
 """
 
 from __future__ import annotations
 
 import contextlib
-import errno
-import os
-import select
 import termios
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any
 
-from dynamixel_sdk import COMM_RX_TIMEOUT, COMM_SUCCESS, PortHandler, Protocol2PacketHandler
+from dynamixel_sdk import COMM_RX_TIMEOUT, COMM_SUCCESS, Protocol2PacketHandler
 
+from robolamp.dynamixel.fast import FastReply
+from robolamp.dynamixel.port import Port, SerialPort
 from robolamp.dynamixel.registers import BAUD_CODES, Register
+from robolamp.dynamixel.status import ALERT, Status
 from robolamp.errors import BusError
 from robolamp.ports import open_error, said_by
 from robolamp.signals import Clock
@@ -34,137 +35,12 @@ instruction was given up would pass for the next one's."""
 ATTEMPTS = 3
 """How often a single read, write or ping is tried; a sync read inside a tick is not repeated."""
 
+_HEADER = b"\xff\xff\xfd\x00"
 _BROADCAST = 0xFE
-_PING, _READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
-_ALERT = 0x80
+_PING, _READ, _WRITE, _REBOOT, _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x01, 0x02, 0x03, 0x08, 0x82, 0x83, 0x8A
 _WRONG_CRC = 3
 _STATUS_BYTES = 11  # a status packet without data: header 4, id, length 2, instruction, ERR, CRC 2
-_MOST_BYTES = 1024  # more than all answers to one instruction: a line that babbles must not hold the loop
-_WRITE_TIMEOUT = 0.05  # s: a port that takes no bytes any more
 _PORT_ERRORS = (OSError, termios.error)  # SerialException is an OSError; tcflush on a port that went away is not
-
-_REFUSALS = {
-    1: "it failed to process the instruction",
-    2: "it does not know the instruction",
-    3: "it received a wrong CRC",
-    4: "the value is out of the register's range",
-    5: "the data has the wrong length",
-    6: "the value is outside the servo's own limits",
-    7: "access is denied (EEPROM while torque is on, or a read-only register)",
-}
-"""ERR codes of a status packet (e-manual, protocol 2.0, "Error")."""
-
-
-class Port(Protocol):
-    """What the SDK's packet handler needs of a port: the SDK's own PortHandler, or an emulated line."""
-
-    is_using: bool
-
-    def openPort(self) -> bool:
-        """Open it."""
-        ...
-
-    def closePort(self) -> None:
-        """Close it."""
-        ...
-
-    def clearPort(self) -> None:
-        """Throw away what was received and not read."""
-        ...
-
-    def readPort(self, length: int) -> bytes:
-        """Return at most that many received bytes."""
-        ...
-
-    def writePort(self, packet: Sequence[int]) -> int:
-        """Send bytes; return how many."""
-        ...
-
-    def setPacketTimeoutMillis(self, msec: float) -> None:
-        """Start waiting for an answer [ms]."""
-        ...
-
-    def isPacketTimeout(self) -> bool:
-        """Whether that time is over."""
-        ...
-
-
-class SerialPort(PortHandler):
-    """The SDK's serial port, on our clock, sleeping while it waits instead of polling.
-
-    Args:
-        path: Device path.
-        baud: Baud rate [1/s].
-        clock: Measures timeouts; the SDK's own use of the wall clock breaks when that is set.
-    """
-
-    ser: Any  # serial.Serial once open
-
-    def __init__(self, path: str, baud: int, clock: Clock) -> None:
-        super().__init__(path)
-        self.baudrate = baud
-        self._clock = clock
-        self._received = 0
-
-    def setupPort(self, cflag_baud: int) -> Literal[True]:
-        """Open the device for this program alone, with the shortest latency its driver has."""
-        super().setupPort(cflag_baud)
-        try:
-            self.ser.exclusive = True
-            self.ser.write_timeout = _WRITE_TIMEOUT
-        except Exception:
-            self.closePort()
-            raise
-        with contextlib.suppress(Exception):  # FTDI: latency timer 16 ms -> 1 ms; other drivers do not know it
-            self.ser.set_low_latency_mode(True)
-        return True
-
-    def getCurrentTime(self) -> float:
-        """Return the time [ms]."""
-        return self._clock.now() * 1000.0
-
-    def setPacketTimeoutMillis(self, msec: float) -> None:
-        """Start waiting for an answer [ms]."""
-        self._received = 0
-        super().setPacketTimeoutMillis(msec)
-
-    def readPort(self, length: int) -> bytes:
-        """Return received bytes, sleeping until there are some or the packet timeout is over."""
-        if self._received >= _MOST_BYTES:
-            return b""
-        device = self.ser.fileno()
-        left = (self.packet_timeout - self.getTimeSinceStart()) / 1000.0
-        if not select.select([device], [], [], max(left, 0.0))[0]:
-            return b""
-        data = os.read(device, length)
-        if not data:
-            raise OSError(errno.EIO, os.strerror(errno.EIO))  # readable and empty: the device went away
-        self._received += len(data)
-        return data
-
-
-@dataclass(frozen=True)
-class Status:
-    """A status packet.
-
-    Attributes:
-        error: Its ERR byte.
-        data: Its parameters.
-    """
-
-    error: int
-    data: bytes
-
-    @property
-    def alert(self) -> bool:
-        """Whether the servo reports a hardware error (bit 7): the data is good all the same."""
-        return bool(self.error & _ALERT)
-
-    @property
-    def refusal(self) -> str:
-        """Why the instruction was refused, in words; empty if it was not."""
-        code = self.error & ~_ALERT
-        return _REFUSALS.get(code, f"error {code}") if code else ""
 
 
 @dataclass(frozen=True)
@@ -238,17 +114,36 @@ class Bus:
         choices = ", ".join(map(str, BAUD_CODES))
         return BusError(f"{self._baud} is not a baud rate of the servos ({choices})", self.name)
 
+    @property
+    def low_latency(self) -> bool:
+        """Whether the port's driver hands over bytes at once; a port that is no serial device does."""
+        return not isinstance(self._port, SerialPort) or self._port.low_latency
+
     def label(self, servo: int) -> str:
         """Return what a servo is called in messages, as "knee (id 2)"."""
         return f"{self._labels[servo]} (id {servo})" if servo in self._labels else f"servo {servo}"
 
-    def ping(self, servo: int) -> Identity | None:
+    @contextlib.contextmanager
+    def patient(self) -> Iterator[None]:
+        """Wait SETTING_PATIENCE for answers to sync reads too, inside the `with`: for readings outside a tick."""
+        before = self._patience
+        self._patience = max(before, SETTING_PATIENCE)
+        try:
+            yield
+        finally:
+            self._patience = before
+
+    def ping(self, servo: int, *, attempts: int = ATTEMPTS) -> Identity | None:
         """Return what a servo is, or None if it does not answer.
+
+        Args:
+            servo: Its id.
+            attempts: How often to ask.
 
         Raises:
             BusError: The servo refuses, or the port is gone.
         """
-        status = self._ask(servo, _PING, b"", 3)
+        status = self._ask(servo, _PING, b"", 3, attempts)
         if status is None:
             return None
         if status.refusal:
@@ -305,6 +200,66 @@ class Bus:
                     self._wait(_STATUS_BYTES + length, self._patience)
         return found
 
+    def fast_sync_read(self, servos: Sequence[int], address: int, length: int) -> dict[int, Status]:
+        """Read the same bytes of several servos with one instruction that they answer with one packet together.
+
+        Each servo adds its block when it has heard the one before it: from the first that is silent on, all are
+        missing. Only firmware of `Model.fast_sync_read` and later knows it.
+
+        Args:
+            servos: Their ids, in the order of the blocks.
+            address: Of the first byte.
+            length: Bytes a servo.
+
+        Returns:
+            The blocks that came undamaged.
+
+        Raises:
+            BusError: The port is gone.
+        """
+        reply = FastReply(servos, length, self._packets.updateCRC)
+        block = FastReply.block(length)
+        with self._line():
+            head = address.to_bytes(2, "little") + length.to_bytes(2, "little")
+            self._send(_BROADCAST, _FAST_SYNC_READ, head + bytes(servos))
+            self._wait(FastReply.HEAD + block, self._patience)
+            while not reply.complete:
+                data = self._port.readPort(reply.expected)
+                if data:
+                    blocks = len(reply.found)
+                    reply.feed(data)
+                    if len(reply.found) > blocks:
+                        self._wait(block, self._patience)
+                elif self._port.isPacketTimeout():
+                    break
+        return reply.found
+
+    def read_bytes(self, servo: int, address: int, length: int) -> bytes:
+        """Return bytes of a servo's control table.
+
+        Raises:
+            BusError: The servo does not answer or refuses, or the port is gone.
+        """
+        parameters = address.to_bytes(2, "little") + length.to_bytes(2, "little")
+        return self._answer(servo, _READ, parameters, length, f"the read of {length} bytes at {address}").data
+
+    def write_bytes(self, servo: int, address: int, data: bytes) -> None:
+        """Write bytes of a servo's control table, and check that the servo took them.
+
+        Raises:
+            BusError: The servo does not answer or refuses, or the port is gone.
+        """
+        parameters = address.to_bytes(2, "little") + data
+        self._answer(servo, _WRITE, parameters, 0, f"{len(data)} bytes at {address}")
+
+    def reboot(self, servo: int) -> None:
+        """Restart a servo: torque off, hardware error gone, everything but EEPROM forgotten.
+
+        Raises:
+            BusError: The servo does not answer or refuses, or the port is gone.
+        """
+        self._answer(servo, _REBOOT, b"", 0, "the reboot")
+
     def sync_write(self, register: Register, values: Mapping[int, int]) -> None:
         """Write one register of several servos, in counts, with one instruction that nobody answers.
 
@@ -324,19 +279,21 @@ class Bus:
             raise BusError(f"{self.label(servo)} refuses {what}: {status.refusal}", self.name)
         return status
 
-    def _ask(self, servo: int, instruction: int, parameters: bytes, length: int) -> Status | None:
+    def _ask(
+        self, servo: int, instruction: int, parameters: bytes, length: int, attempts: int = ATTEMPTS
+    ) -> Status | None:
         """Return the answer to an instruction (with data of that length, or a refusal); None after ATTEMPTS.
 
         An instruction that reached the servo damaged (ERR 3) was not carried out, and is sent again.
         """
         damaged: Status | None = None
         with self._line():
-            for _ in range(ATTEMPTS):
+            for _ in range(attempts):
                 self._send(servo, instruction, parameters)
                 self._wait(_STATUS_BYTES + length, max(self._patience, SETTING_PATIENCE))
                 while (received := self._receive()) is not None:
                     answered, status = received
-                    if answered == servo and status.error & ~_ALERT == _WRONG_CRC:
+                    if answered == servo and status.error & ~ALERT == _WRONG_CRC:
                         damaged = status
                         break
                     if answered == servo and (len(status.data) == length or status.refusal):
@@ -344,15 +301,15 @@ class Bus:
         return damaged
 
     def _send(self, servo: int, instruction: int, parameters: bytes) -> None:
-        if b"\xff\xff\xfd" in parameters:
-            # SDK 4.1.0: addStuffing() stuffs a copy that txPacket() never sends, and the servos would drop the packet.
-            raise BusError("bytes FF FF FD cannot be sent: dynamixel-sdk does not stuff them", self.name)
-        packet = [0, 0, 0, 0, servo, *(len(parameters) + 3).to_bytes(2, "little"), instruction, *parameters, 0, 0]
-        self._port.is_using = False
-        result = self._packets.txPacket(self._port, packet)
-        self._port.is_using = False
-        if result != COMM_SUCCESS:
-            raise BusError(f"cannot send: {self._packets.getTxRxResult(result)}", self.name)
+        body = bytes([instruction]) + parameters
+        stuffed = body.replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
+        packet = _HEADER + bytes([servo]) + (len(stuffed) + 2).to_bytes(2, "little") + stuffed
+        packet += self._packets.updateCRC(0, packet, len(packet)).to_bytes(2, "little")
+        self._port.is_using = False  # rxPacket leaves it so, except where it raised
+        self._port.clearPort()  # an answer that came too late must not pass for this instruction's
+        written = self._port.writePort(packet)
+        if written != len(packet):
+            raise BusError(f"the port took {written} of {len(packet)} bytes", self.name)
         self._sent = len(packet)
 
     def _wait(self, length: int, patience: float) -> None:

@@ -1,16 +1,19 @@
-"""Several servos as arrays in SI units: their state in two sync reads, their goals in one sync write."""
+"""Several servos as arrays in SI units: their whole state in one transaction, their goals in one sync write."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.dynamixel.bus import Bus, Status
-from robolamp.dynamixel.registers import COUNTS_PER_TURN, RAD_PER_COUNT, WATCHDOG_UNIT, Model, Name, Register
+from robolamp.dynamixel.block import FIELDS, LENGTHS, data_address, map_block, offsets
+from robolamp.dynamixel.bus import Bus
+from robolamp.dynamixel.registers import COUNTS_PER_TURN, FULL_PWM, RAD_PER_COUNT, WATCHDOG_UNIT, Model, Name, Register
+from robolamp.dynamixel.status import Status
 from robolamp.errors import BusError, SafetyError
 
 STATE = (124, 23)
@@ -19,12 +22,30 @@ STATE = (124, 23)
 CONDITION = (64, 7)
 """Address and length of Torque Enable ... Hardware Error Status, the same in every model."""
 
+_ALIKE = {  # counts that two readings of one servo, a few ms apart and at rest, may differ by
+    Name.PRESENT_POSITION: 64,
+    Name.PRESENT_INPUT_VOLTAGE: 5,
+    Name.PRESENT_TEMPERATURE: 2,
+    Name.TORQUE_ENABLE: 0,
+    Name.HARDWARE_ERROR_STATUS: 0,
+}
+
 TORQUE_OFF_ATTEMPTS = 3
 """How often each servo is told to turn its torque off, on top of the bus's own attempts."""
 
 
+class Transport(StrEnum):
+    """How a reading is made."""
+
+    FAST = "fast sync read of the health block"
+    BLOCK = "sync read of the health block"
+    DIRECT = "two sync reads"
+
+
 def tick_wire_time(n: int, baud: int) -> float:
-    """Return how long a tick's packets are on the line [s]: two sync reads and a sync write, without any pauses.
+    """Return how long a tick's packets are on the line at most [s]: two sync reads and a sync write, without pauses.
+
+    With the health block a tick takes less; a servo that has lost its block is read like this again.
 
     Instruction packets have 10 bytes around their parameters, status packets 11 around their data
     (https://emanual.robotis.com/docs/en/dxl/protocol2/, "Instruction Packet", "Sync Read", "Sync Write"); a byte is 10
@@ -52,6 +73,7 @@ class ServoState:
         temperature: [degC].
         torque: Torque Enable: 1, 0, or -1 unknown.
         hardware_error: Hardware Error Status bits, or -1 unknown.
+        error: ERR byte of its answer, or -1: bit 7 is the hardware alert.
     """
 
     position: NDArray[np.float64]
@@ -62,12 +84,19 @@ class ServoState:
     temperature: NDArray[np.float64]
     torque: NDArray[np.int64]
     hardware_error: NDArray[np.int64]
+    error: NDArray[np.int64]
 
     @classmethod
     def unknown(cls, n: int) -> ServoState:
         """Return the state of n servos of which nothing is known."""
-        gap, flag = np.full(n, np.nan), np.full(n, -1)
-        return cls(gap, gap.copy(), gap.copy(), gap.copy(), gap.copy(), gap.copy(), flag, flag.copy())
+        gaps, flags = np.full((6, n), np.nan), np.full((3, n), -1)
+        return cls(gaps[0], gaps[1], gaps[2], gaps[3], gaps[4], gaps[5], flags[0], flags[1], flags[2])
+
+
+@dataclass(frozen=True)
+class _Answer:
+    error: int
+    values: dict[Name, int]
 
 
 class Servos:
@@ -77,13 +106,41 @@ class Servos:
         bus: An open bus.
         ids: Their ids.
         models: Their models.
+
+    Attributes:
+        transport: How `read` reads; `prepare` finds a quicker way than two sync reads.
     """
 
     def __init__(self, bus: Bus, ids: Sequence[int], models: Sequence[Model]) -> None:
         self._bus = bus
         self._ids = tuple(ids)
         self._models = tuple(models)
+        self._by_id = dict(zip(self._ids, self._models, strict=True))
+        self._fields = {servo: _block_fields(model) for servo, model in self._by_id.items()}
         self._silent: set[int] = set()  # ids that did not answer last time
+        self._lost: set[int] = set()  # ids whose health block is gone
+        self._block = 0  # address of the health block
+        self._turn = 0  # which of the lengths is next
+        self.transport = Transport.DIRECT
+
+    def prepare(self, firmware: Sequence[int]) -> Transport:
+        """Map the health blocks (RAM; nothing moves) and find the quickest way to read them that gives the truth.
+
+        A way is taken only if it says the same as the registers themselves.
+
+        Args:
+            firmware: Firmware versions, in the order of the servos.
+
+        Returns:
+            The way that `read` takes from now on, which is also in `transport`.
+
+        Raises:
+            BusError: The port is gone.
+        """
+        with self._bus.patient():
+            self.transport, self._lost = Transport.DIRECT, set()
+            self.transport = self._quickest(firmware)
+        return self.transport
 
     def read(self) -> ServoState:
         """Read position, velocity, current, PWM, voltage, temperature, torque and hardware error of all.
@@ -95,9 +152,18 @@ class Servos:
             BusError: The port is gone. A servo that does not answer is a gap, not an error.
         """
         state = ServoState.unknown(len(self._ids))
-        measured = self._sync_read(self._ids, STATE)
-        condition = self._sync_read([servo for servo in self._ids if servo in measured], CONDITION)
-        self._silent = set(self._ids) - set(measured)
+        # Whoever was silent comes last: in a chain of answers it holds up nobody then.
+        ids = sorted(self._ids, key=self._silent.__contains__)
+        if self.transport is Transport.DIRECT:
+            found = self._direct(ids)
+        else:
+            found = self._mapped([servo for servo in ids if servo not in self._lost])
+            gone = {servo for servo, answer in found.items() if answer.values[Name.PRESENT_INPUT_VOLTAGE] == 0}
+            self._lost |= gone  # a servo that answers has a supply: it rebooted, and its block reads 0 throughout
+            if self._lost:
+                found = {i: answer for i, answer in found.items() if i not in gone}
+                found |= self._direct([servo for servo in ids if servo in self._lost])
+        self._silent = set(self._ids) - set(found)
         columns = (
             (state.position, Name.PRESENT_POSITION),
             (state.velocity, Name.PRESENT_VELOCITY),
@@ -105,16 +171,15 @@ class Servos:
             (state.pwm, Name.PRESENT_PWM),
             (state.voltage, Name.PRESENT_INPUT_VOLTAGE),
             (state.temperature, Name.PRESENT_TEMPERATURE),
+            (state.torque, Name.TORQUE_ENABLE),
+            (state.hardware_error, Name.HARDWARE_ERROR_STATUS),
         )
-        for index, (servo, model) in enumerate(zip(self._ids, self._models, strict=True)):
-            if servo in measured:
+        for index, servo in enumerate(self._ids):
+            if servo in found:
+                state.error[index] = found[servo].error
                 for column, name in columns:
-                    register = model.registers.get(name)
-                    if register is not None:
-                        column[index] = _field(measured[servo], register, STATE[0]) * register.scale
-            if servo in condition:
-                state.torque[index] = _field(condition[servo], model[Name.TORQUE_ENABLE], CONDITION[0])
-                state.hardware_error[index] = _field(condition[servo], model[Name.HARDWARE_ERROR_STATUS], CONDITION[0])
+                    if name in found[servo].values:
+                        column[index] = found[servo].values[name] * self._by_id[servo][name].scale
         return state
 
     def write_goals(self, angle: NDArray[np.float64]) -> None:
@@ -147,7 +212,15 @@ class Servos:
         register = self._models[index][name]
         return self._bus.read(self._ids[index], register) * register.scale
 
-    def torque_on(self, p_gain: Sequence[int], watchdog: float) -> None:
+    def set(self, index: int, name: Name, value: int) -> None:
+        """Write one register of one servo, in counts.
+
+        Raises:
+            BusError: It does not answer, refuses, or the port is gone.
+        """
+        self._bus.write(self._ids[index], self._models[index][name], value)
+
+    def torque_on(self, p_gain: Sequence[int], watchdog: float, duty: float = 1.0) -> None:
         """Turn torque on: profile off, P gain set, goal := present, then torque, checked, each with its Bus Watchdog.
 
         A watchdog left tripped by an earlier run is cleared first: while it is tripped, goals are refused.
@@ -155,6 +228,7 @@ class Servos:
         Args:
             p_gain: Position P Gain(84) of each servo, as written.
             watchdog: Silence on the bus after which each servo stops by itself [s]; 0: never.
+            duty: Goal PWM(100) of each, 0 to 1: the most of the supply that its motor gets.
 
         Raises:
             BusError: A servo does not answer, refuses, or stays without torque.
@@ -164,6 +238,7 @@ class Servos:
             for name in settings:
                 self._bus.write(servo, model[name], 0)
             self._bus.write(servo, model[Name.POSITION_P_GAIN], gain)
+            self._bus.write(servo, model[Name.GOAL_PWM], round(duty * FULL_PWM))
         for servo, model in zip(self._ids, self._models, strict=True):
             present = self._bus.read(servo, model[Name.PRESENT_POSITION])
             self._bus.write(servo, model[Name.GOAL_POSITION], present)
@@ -184,6 +259,16 @@ class Servos:
         """
         return tuple(index for index in range(len(self._ids)) if not self._off(index))
 
+    def hardware_errors(self) -> tuple[int, ...]:
+        """Return Hardware Error Status(70) of each servo; -1 where it does not answer."""
+        found: list[int] = []
+        for servo, model in zip(self._ids, self._models, strict=True):
+            try:
+                found.append(self._bus.read(servo, model[Name.HARDWARE_ERROR_STATUS]))
+            except BusError:
+                found.append(-1)
+        return tuple(found)
+
     def watchdog_tripped(self) -> tuple[int, ...]:
         """Return the indices of the servos whose Bus Watchdog has tripped (-1): they ignore goals.
 
@@ -193,12 +278,69 @@ class Servos:
         pairs = enumerate(zip(self._ids, self._models, strict=True))
         return tuple(i for i, (servo, model) in pairs if self._bus.read(servo, model[Name.BUS_WATCHDOG]) < 0)
 
-    def _sync_read(self, ids: Sequence[int], block: tuple[int, int]) -> dict[int, Status]:
+    def _quickest(self, firmware: Sequence[int]) -> Transport:
+        """Map the health blocks and return the quickest way of reading that says what the registers say."""
+        blocks = {data_address(model, version) for model, version in zip(self._models, firmware, strict=True)}
+        if len(blocks) != 1:
+            return Transport.DIRECT
+        self._block = blocks.pop()
+        measured = self._direct(self._ids)
+        try:
+            for servo, model in self._by_id.items():
+                map_block(self._bus, servo, model)
+        except BusError:
+            return Transport.DIRECT
+        fast = all(version >= model.fast_sync_read for model, version in zip(self._models, firmware, strict=True))
+        for way in [Transport.FAST] * 2 * fast + [Transport.BLOCK] * 2:  # each twice: one failure may be noise
+            found = self._block_read(self._ids, way is Transport.FAST)
+            if all(i in found and i in measured and _alike(found[i], measured[i]) for i in self._ids):
+                return way
+        return Transport.DIRECT
+
+    def _mapped(self, ids: Sequence[int]) -> dict[int, _Answer]:
+        """Read health blocks; those that are missing once more, each servo in its own packet."""
+        found = self._block_read(ids, self.transport is Transport.FAST)
+        again = [servo for servo in ids if servo not in found and servo not in self._silent]
+        if again:
+            found |= self._block_read(again, False)
+        return found
+
+    def _block_read(self, ids: Sequence[int], fast: bool) -> dict[int, _Answer]:
         if not ids:
             return {}
-        found = self._bus.sync_read(ids, *block)
+        self._turn += 1
+        length = LENGTHS[self._turn % len(LENGTHS)]
+        read = self._bus.fast_sync_read if fast else self._bus.sync_read
+        found: dict[int, _Answer] = {}
+        for servo, status in read(ids, self._block, length).items():
+            found[servo] = _Answer(status.error, {row.name: _field(status, row, at) for row, at in self._fields[servo]})
+        return found
+
+    def _direct(self, ids: Sequence[int]) -> dict[int, _Answer]:
+        """Read the registers themselves, in two sync reads."""
+        self._turn += 1
+        longer = self._turn % 2 == 0  # by one byte, as the lengths of the block
+        measured = self._sync_read(ids, STATE[0], STATE[1] + longer)
+        condition = self._sync_read([servo for servo in ids if servo in measured], *CONDITION)
+        found: dict[int, _Answer] = {}
+        for servo, status in measured.items():
+            answer = _Answer(status.error, {})
+            for name in FIELDS[:8]:
+                row = self._by_id[servo].registers.get(name)
+                base, source = (
+                    (STATE[0], status) if row and row.address >= STATE[0] else (CONDITION[0], condition.get(servo))
+                )
+                if row and source:
+                    answer.values[name] = _field(source, row, row.address - base)
+            found[servo] = answer
+        return found
+
+    def _sync_read(self, ids: Sequence[int], address: int, length: int) -> dict[int, Status]:
+        if not ids:
+            return {}
+        found = self._bus.sync_read(ids, address, length)
         again = [servo for servo in ids if servo not in found and servo not in self._silent]
-        return found | self._bus.sync_read(again, *block) if again else found
+        return found | self._bus.sync_read(again, address, length) if again else found
 
     def _off(self, index: int) -> bool:
         servo, model = self._ids[index], self._models[index]
@@ -212,6 +354,18 @@ class Servos:
         return False
 
 
-def _field(status: Status, register: Register, base: int) -> int:
-    start = register.address - base
+def _field(status: Status, register: Register, start: int) -> int:
     return int.from_bytes(status.data[start : start + register.size], "little", signed=register.signed)
+
+
+def _block_fields(model: Model) -> list[tuple[Register, int]]:
+    """Return what is read of a health block, each with its first byte; what the model has not got is left out."""
+    places = [(model[name], at) for name, at in offsets(model).items() if name in model.registers]
+    return [(row, at) for row, at in places if at + row.size <= LENGTHS[0]]
+
+
+def _alike(block: _Answer, direct: _Answer) -> bool:
+    """Whether a health block says the same as the registers themselves."""
+    return all(
+        name in direct.values and abs(block.values[name] - direct.values[name]) <= most for name, most in _ALIKE.items()
+    )

@@ -55,12 +55,17 @@ class FootSensor:
     Args:
         gain: Reading per true force.
         noise: Returns the next reading's error [N].
+
+    Attributes:
+        stuck: Whether it repeats its last reading.
     """
 
     def __init__(self, gain: float, noise: Callable[[], float]) -> None:
+        self.stuck = False
         self._gain = gain
         self._noise = noise
         self._sequence = 0
+        self._reading = 0.0
 
     def sample(self, force: float, time: float) -> list[tuple[float, bytes]]:
         """Return the frames that are due by now, each with its moment of sampling [s].
@@ -72,6 +77,8 @@ class FootSensor:
         frames = []
         while self._sequence * PERIOD <= time:
             moment = self._sequence * PERIOD
-            frames.append((moment, frame(self._sequence, moment, force * self._gain + self._noise())))
+            if not self.stuck:
+                self._reading = force * self._gain + self._noise()
+            frames.append((moment, frame(self._sequence, moment, self._reading)))
             self._sequence += 1
         return frames

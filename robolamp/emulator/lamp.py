@@ -11,20 +11,27 @@ from numpy.typing import NDArray
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration
 from robolamp.dynamixel.registers import BAUD_CODES, MODELS, Name
+from robolamp.emulator.faults import Faults
 from robolamp.emulator.foot import FootSensor
+from robolamp.emulator.injector import Injector
 from robolamp.emulator.line import GAP, Line, Reply
 from robolamp.emulator.plant import Plant
 from robolamp.emulator.reality import Reality
 from robolamp.emulator.servo import Drive, Sensed, Servo
+from robolamp.emulator.strike import strike
 from robolamp.errors import FileError
 from robolamp.lamp import Lamp
 from robolamp.twin.model import Bend, build
 
 TEMPERATURE = 30.0
-"""What every servo reports: temperature is not modelled [degC]."""
+"""Of the air around the servos [degC]."""
 
 VELOCITY_WINDOW = 0.05
 """Present Velocity is the mean over this time [s]. Estimate: the e-manual gives none; servos are seen to lag so."""
+
+CAPACITOR_TIME = 0.004
+"""Time in which the supply's voltage follows the load [s]. Estimate: some 1,000 uF, and tenths of an Ohm in the cables,
+behind motors of a few Ohm."""
 
 Array = NDArray[np.float64]
 
@@ -38,11 +45,14 @@ class EmulatedLamp:
         assets: Where the model is.
         reality: How this lamp differs from that twin.
         gap: Silence inside a packet that ends it [s].
+        faults: What goes wrong; None: nothing.
+        factory: The servos are new (id 1, 57,600 baud, Return Delay Time 250) and only the first is plugged in.
 
     Attributes:
         lamp: As given.
         servos: The servos, in the order of the joints.
         line: What connects them.
+        injector: What lets things go wrong.
         plant: What they turn.
 
     Raises:
@@ -50,7 +60,15 @@ class EmulatedLamp:
     """
 
     def __init__(
-        self, lamp: Lamp, calibration: Calibration, assets: Assets, reality: Reality, *, gap: float = GAP
+        self,
+        lamp: Lamp,
+        calibration: Calibration,
+        assets: Assets,
+        reality: Reality,
+        *,
+        gap: float = GAP,
+        faults: Faults | None = None,
+        factory: bool = False,
     ) -> None:
         if lamp.bus_baud not in BAUD_CODES:
             legal = ", ".join(map(str, BAUD_CODES))
@@ -69,22 +87,35 @@ class EmulatedLamp:
         self._read_encoders()
         eeprom = {Name.BAUD_RATE: BAUD_CODES[lamp.bus_baud], Name.RETURN_DELAY_TIME: 0}
         self.servos = tuple(
-            Servo(MODELS[joint.servo], {**eeprom, Name.ID: joint.id}, self._senses(index))
+            Servo(MODELS[joint.servo], {} if factory else {**eeprom, Name.ID: joint.id}, self._senses(index))
             for index, joint in enumerate(lamp.joints)
         )
         self._drives: list[Drive | None] = [None] * len(self.servos)
-        jitter = reality.jitter
-        latency = (lambda: float(self._random.exponential(jitter))) if jitter else None
-        self.line = Line(self.servos, lamp.bus_baud, self.advance_to, latency, gap)
-        noise = reality.foot_noise
-        self._foot = FootSensor(
-            twin.foot_gain * reality.foot_gain, lambda: float(self._random.normal(0.0, noise)) if noise else 0.0
+        jitter, fixed = reality.jitter, reality.latency
+        latency = (
+            (lambda: fixed + (float(self._random.exponential(jitter)) if jitter else 0.0)) if jitter or fixed else None
         )
+        self.injector = Injector(
+            faults or Faults("none"),
+            [joint.id for joint in lamp.joints],
+            lambda index, event, time: strike(self.servos[index], event, time),
+        )
+        self.line = Line(self.servos, lamp.bus_baud, self.advance_to, latency, gap, self.injector)
+        if factory:
+            self.line.unplugged = set(range(1, len(self.servos)))
+        self._supply = (reality.resistance, reality.drain)
+        self._drop = 0.0  # over the supply's resistance [V]
+        self._foot = FootSensor(twin.foot_gain * reality.foot_gain, lambda: self._foot_error(reality))
 
     @property
     def time(self) -> float:
         """Simulated time, 0 at the start [s]."""
         return self.plant.time
+
+    @property
+    def timestep(self) -> float:
+        """Physics step [s]."""
+        return self.plant.timestep
 
     def watch(self, watcher: Callable[[EmulatedLamp], None]) -> None:
         """Call a function with this lamp after each physics step."""
@@ -98,6 +129,7 @@ class EmulatedLamp:
         """
         while self.plant.time + self.plant.timestep <= time:
             self._step()
+        self.injector.poll(time)
 
     def receive(self, data: bytes, time: float) -> list[Reply]:
         """Take bytes from the client and return the servos' answers.
@@ -121,6 +153,8 @@ class EmulatedLamp:
 
     def _step(self) -> None:
         plant = self.plant
+        self.injector.poll(plant.time)
+        plant.sag(self.injector.sag() + self._sag())
         for index, servo in enumerate(self.servos):
             servo.poll(plant.time)
             drive = servo.drive()
@@ -133,12 +167,34 @@ class EmulatedLamp:
                     goal=joint.sign * (drive.goal - joint.zero),
                     p_gain=drive.p_gain,
                     duty_limit=drive.duty_limit,
+                    duty=None if drive.duty is None else joint.sign * drive.duty,
                 )
         plant.step()
         self._read_encoders()
-        self._frames.extend(self._foot.sample(plant.force, plant.time))
+        self._sample_foot()
         for watcher in self._watchers:
             watcher(self)
+
+    def _sag(self) -> float:
+        """Return by how much the supply is lower than a good one [V]; capacitors smooth what the motors draw."""
+        resistance, drain = self._supply
+        if resistance:
+            drawn = float(np.abs(self.plant.duty * self.plant.phase_current).sum())
+            self._drop += (resistance * drawn - self._drop) * min(self.plant.timestep / CAPACITOR_TIME, 1.0)
+        return self._drop + drain * self.plant.time
+
+    def _foot_error(self, reality: Reality) -> float:
+        noise = float(self._random.normal(0.0, reality.foot_noise)) if reality.foot_noise else 0.0
+        return reality.foot_offset + reality.foot_drift * self.plant.time + noise
+
+    def _sample_foot(self) -> None:
+        injector = self.injector
+        self._foot.stuck = injector.foot("stuck")
+        for moment, frame in self._foot.sample(self.plant.force, self.plant.time):
+            if not injector.foot("silent"):
+                for delay, data in injector.packet("foot", frame, moment):
+                    sent = injector.noise(len(data)) if injector.foot("rubbish") else data
+                    self._frames.append((moment + delay, sent))
 
     def _read_encoders(self) -> None:
         self._seen.append(self.plant.angle + self._random.normal(size=len(self.lamp.joints)) * self._encoder_noise)

@@ -9,15 +9,17 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
-from robolamp.emulator.packet import BROADCAST, Error, Instruction, Packet, Parser, status
+from robolamp.emulator.injector import Injector
+from robolamp.emulator.packet import Packet, Parser
+from robolamp.emulator.packet import packet as framed
 from robolamp.emulator.servo import Servo
-from robolamp.emulator.table import Refused
+from robolamp.emulator.turns import answers
 
 GAP = 0.0015
 """Silence inside a packet after which a servo throws it away [s] (e-manual "Response Policy")."""
 
-_BITS = 10
-_STATUS_SIZE = 11  # header, id, length, INST, ERR, CRC
+BITS = 10
+"""Bits of a byte on the line: start, 8 data, stop."""
 
 
 class Reply(NamedTuple):
@@ -25,11 +27,13 @@ class Reply(NamedTuple):
 
     Attributes:
         due: When the last of them has arrived [s].
-        data: A status packet.
+        data: A status packet, or what damage left of it.
+        byte: Time between two of them [s].
     """
 
     due: float
     data: bytes
+    byte: float
 
 
 class Line:
@@ -41,9 +45,11 @@ class Line:
         advance: Called with each packet's end [s] before a servo sees it: brings the plant to that time.
         latency: Returns how late the next bytes reach the line [s]; None: never late.
         gap: Silence inside a packet that ends it [s]; infinite where the clock is too coarse to tell.
+        injector: Damages packets and silences servos; None: nothing does.
 
     Attributes:
         baud: As given; may be changed at any time. A servo set to another rate hears noise.
+        unplugged: Indices of servos that are not connected.
     """
 
     def __init__(
@@ -53,12 +59,15 @@ class Line:
         advance: Callable[[float], None],
         latency: Callable[[], float] | None = None,
         gap: float = GAP,
+        injector: Injector | None = None,
     ) -> None:
         self.baud = baud
+        self.unplugged: set[int] = set()
         self._servos = servos
         self._advance = advance
         self._latency = latency
         self._gap = gap
+        self._injector = injector
         self._parser = Parser()
         self._free = -math.inf
 
@@ -73,80 +82,60 @@ class Line:
         if self._parser.pending and begin - self._free > self._gap:
             self._parser.reset()
         begin = max(begin, self._free)
-        byte = _BITS / self.baud
+        byte = BITS / self.baud
         self._free = begin + len(data) * byte
         replies: list[Reply] = []
+        late = 0.0  # what is held up holds up all that is behind it
         for packet in self._parser.feed(data):
-            end = begin + packet.end * byte
-            self._advance(end)
-            listeners = [servo for servo in self._servos if servo.hears(self.baud, end)]
-            for servo in listeners:
-                servo.heard(end)
-            for delay, answer in self._answers(packet, listeners, end):
-                begins = max(end if not replies else replies[-1].due, end) + delay
-                replies.append(Reply(begins + len(answer) * byte, answer))
+            for delay, heard in self._damaged(packet, begin + packet.end * byte + late):
+                late += delay
+                end = begin + packet.end * byte + late
+                self._free = max(self._free, end)
+                replies += self._answered(heard, end, replies[-1].due if replies else end)
         if replies:
             self._free = max(self._free, replies[-1].due)
         return [reply for reply in replies if reply.data]
 
-    def _answers(self, packet: Packet, listeners: Sequence[Servo], time: float) -> Iterator[tuple[float, bytes]]:
-        """Yield each answer with the silence before it [s]; an empty one is a silence alone."""
-        if packet.instruction == Instruction.STATUS:
-            return
-        if not packet.intact:
-            for servo in listeners:
-                if servo.id == packet.id:
-                    yield servo.return_delay, status(servo.id, servo.alert(Error.CRC))
-        elif packet.instruction == Instruction.SYNC_READ and packet.id == BROADCAST:
-            yield from self._sync_read(packet.parameters, listeners, time)
-        elif packet.instruction == Instruction.SYNC_WRITE and packet.id == BROADCAST:
-            self._sync_write(packet.parameters, listeners)
-        elif packet.id == BROADCAST:
-            for servo in sorted(listeners, key=lambda servo: servo.id):
-                answer = servo.answer(packet.instruction, packet.parameters, time)
-                if packet.instruction == Instruction.PING and answer:
-                    yield servo.return_delay, status(servo.id, *answer)
-        else:
-            for servo in listeners:
-                id, delay = servo.id, servo.return_delay  # a written id or delay is in force from the next packet
-                if id == packet.id:
-                    answer = servo.answer(packet.instruction, packet.parameters, time)
-                    if answer:
-                        yield delay, status(id, *answer)
-                elif servo.shadow_id == packet.id and packet.instruction == Instruction.WRITE:
-                    servo.answer(packet.instruction, packet.parameters, time)
+    def plug_next(self) -> int | None:
+        """Plug in the first servo that is not connected; return its index, None where all are."""
+        index = min(self.unplugged, default=None)
+        self.unplugged.discard(-1 if index is None else index)
+        return index
 
-    def _sync_read(self, parameters: bytes, listeners: Sequence[Servo], time: float) -> Iterator[tuple[float, bytes]]:
-        """Each servo answers after the one named before it; the turn of one that is absent passes in silence."""
-        if len(parameters) < 5:
+    def _answered(self, packet: Packet, end: float, free: float) -> list[Reply]:
+        """Let the servos hear a packet; the first answer begins no earlier than the line is free [s]."""
+        self._advance(end)
+        byte = BITS / self.baud
+        injector = self._injector
+        listeners = [
+            servo
+            for index, servo in enumerate(self._servos)
+            if servo.hears(self.baud, end)
+            and index not in self.unplugged
+            and not (injector and injector.silent(index, end))
+        ]
+        for servo in listeners:
+            servo.heard(end)
+        replies: list[Reply] = []
+        ends = max(end, free)
+        for silence, answer in answers(packet, listeners, end, byte):
+            ends += silence + len(answer) * byte
+            replies.append(Reply(ends, b"", byte))  # the turn passes, whatever arrives of the answer
+            if answer:
+                for delay, arriving in injector.packet("status", answer, ends) if injector else [(0.0, answer)]:
+                    ends += delay
+                    replies.append(Reply(ends, arriving, byte))
+        return replies
+
+    def _damaged(self, packet: Packet, end: float) -> Iterator[tuple[float, Packet]]:
+        """Yield what the servos hear of a packet, each with how much later than it should [s]."""
+        if self._injector is None or not packet.intact:
+            yield 0.0, packet
             return
-        address, size = (int.from_bytes(parameters[i : i + 2], "little") for i in (0, 2))
-        present = {servo.id: servo for servo in listeners}
-        for id in parameters[4:]:
-            servo = present.get(id)
-            if servo is None:
-                yield (_STATUS_SIZE + size) * _BITS / self.baud, b""
+        raw = framed(packet.id, bytes([packet.instruction]) + packet.parameters)
+        for delay, data in self._injector.packet("instruction", raw, end):
+            if data == raw:
+                yield delay, packet
                 continue
-            try:
-                data, error = servo.read(address, size, time), Error.NONE
-            except Refused as refusal:
-                data, error = b"", refusal.error
-            if servo.level:
-                yield servo.return_delay, status(id, servo.alert(error), data)
-
-    def _sync_write(self, parameters: bytes, listeners: Sequence[Servo]) -> None:
-        """Each named servo takes its own bytes; none answers, not even to refuse."""
-        if len(parameters) < 4:
-            return
-        address, size = (int.from_bytes(parameters[i : i + 2], "little") for i in (0, 2))
-        blocks = parameters[4:]
-        if len(blocks) % (size + 1):
-            return
-        present = {servo.id: servo for servo in listeners}
-        for start in range(0, len(blocks), size + 1):
-            servo = present.get(blocks[start])
-            if servo is not None:
-                try:
-                    servo.write(address, blocks[start + 1 : start + 1 + size])
-                except Refused:
-                    continue
+            for remains in Parser().feed(data):
+                yield delay, Packet(remains.id, remains.instruction, remains.parameters, packet.end, remains.intact)

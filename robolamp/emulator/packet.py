@@ -4,12 +4,14 @@ Written from the e-manual (https://emanual.robotis.com/docs/en/dxl/protocol2/) a
 
     FF FF FD 00 | ID | LEN_L LEN_H | INST | parameters | CRC_L CRC_H      instruction, LEN = parameters + 3
     FF FF FD 00 | ID | LEN_L LEN_H | 55 | ERR | parameters | CRC_L CRC_H  status, LEN = parameters + 4
+    FF FF FD 00 | FE | LEN_L LEN_H | 55 | [ERR | ID | data | CRC_L CRC_H] x n  status of a fast read, not stuffed
 
 `FF FF FD` inside INST to parameters is sent as `FF FF FD FD`; LEN and CRC are computed after that.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -33,11 +35,18 @@ class Instruction(IntEnum):
     PING = 0x01
     READ = 0x02
     WRITE = 0x03
+    REG_WRITE = 0x04
+    ACTION = 0x05
     FACTORY_RESET = 0x06
     REBOOT = 0x08
+    CLEAR = 0x10
     STATUS = 0x55
     SYNC_READ = 0x82
     SYNC_WRITE = 0x83
+    FAST_SYNC_READ = 0x8A
+    BULK_READ = 0x92
+    BULK_WRITE = 0x93
+    FAST_BULK_READ = 0x9A
 
 
 class Error(IntEnum):
@@ -89,13 +98,14 @@ def _crc_table() -> tuple[int, ...]:
 _TABLE = _crc_table()
 
 
-def crc16(data: bytes) -> int:
+def crc16(data: bytes, before: int = 0) -> int:
     """Return protocol 2.0's CRC: polynomial 0x8005, initial 0, most significant bit first (e-manual "CRC").
 
     Args:
         data: The packet from its header to its last parameter.
+        before: CRC of what precedes `data`, to go on from.
     """
-    value = 0
+    value = before
     for byte in data:
         value = ((value << 8) & 0xFFFF) ^ _TABLE[(value >> 8) ^ byte]
     return value
@@ -132,6 +142,27 @@ def status(id: int, error: int, parameters: bytes = b"") -> bytes:
         parameters: What was asked for.
     """
     return packet(id, bytes([Instruction.STATUS, error]) + parameters)
+
+
+def fast_status(sizes: Sequence[int], blocks: Sequence[tuple[int, int, bytes]]) -> bytes:
+    """Return the one packet that servos write together in answer to a fast read (e-manual "Fast Sync Read").
+
+    Each servo appends its block and the CRC of all bytes so far, earlier CRCs included; nothing is stuffed. LEN counts
+    everyone who was asked, so that a packet whose chain broke off is cut short.
+
+    Args:
+        sizes: Bytes asked of each servo.
+        blocks: Id, ERR byte and data of each servo that answers, from the first on.
+    """
+    length = 1 + sum(size + 4 for size in sizes)
+    data = bytearray(HEADER + bytes([BROADCAST]) + length.to_bytes(2, "little") + bytes([Instruction.STATUS]))
+    crc = crc16(bytes(data))
+    for id, error, values in blocks:
+        block = bytes([error, id]) + values
+        sent = crc16(block, crc).to_bytes(2, "little")
+        data += block + sent
+        crc = crc16(block + sent, crc)
+    return bytes(data)
 
 
 class Parser:

@@ -18,7 +18,9 @@ Array = NDArray[np.float64]
 
 _HAND = 5.0  # friction by which a hand holds a joint [Nm]: ten times what a servo can push
 _SETTLE = 0.5  # time for the foot to come to rest on the floor before the clock starts [s]
-_LARGEST_VOLTAGE = 7  # where a dcmotor's actuator_gainprm holds it
+_LEAST_VOLTAGE = 0.1  # a supply that sags keeps this much: duties are shares of it [V]
+_GAIN, _LARGEST_VOLTAGE = 4, 7  # where a dcmotor's actuator_gainprm holds them
+_FAR = 1e6  # goal that stands for a duty of 1 [rad]
 
 
 @dataclass(frozen=True)
@@ -63,9 +65,11 @@ class Plant:
         self._driven = np.zeros(n, bool)
         self._hand = np.ones(n, bool)
         self._p_gain = np.ones(n)
+        self._by_duty = np.zeros(n, bool)
         self._duty_limit = np.ones(n)
         self._speed = np.zeros(n)  # when the motors' torques were formed: before the last step
         self._steps = 0
+        self._sag = 0.0
         self._friction = twin.servos.friction()[None]
         data = self._data
         self._lanes = tuple(
@@ -109,12 +113,12 @@ class Plant:
         """Motor voltages by supply voltage, shape (n,); 0 where the winding is open."""
         servos = self._twin.servos
         volts = self.phase_current * servos.resistance + servos.torque_constant * self._speed
-        return np.where(self._driven, np.clip(volts / self._twin.voltage, -1.0, 1.0), 0.0)
+        return np.where(self._driven, np.clip(volts / self.voltage, -1.0, 1.0), 0.0)
 
     @property
     def voltage(self) -> float:
         """Supply voltage [V]."""
-        return self._twin.voltage
+        return self._twin.voltage - self._sag
 
     @property
     def force(self) -> float:
@@ -126,7 +130,9 @@ class Plant:
         """Whether each joint is still held by hand."""
         return tuple(bool(held) for held in self._hand)
 
-    def drive(self, joint: int, *, torque: bool, goal: float, p_gain: int, duty_limit: float) -> None:
+    def drive(
+        self, joint: int, *, torque: bool, goal: float, p_gain: int, duty_limit: float, duty: float | None = None
+    ) -> None:
         """Set what a servo does to its motor from the next step on.
 
         Args:
@@ -135,16 +141,33 @@ class Plant:
             goal: Joint angle to regulate to [rad].
             p_gain: Position P Gain register.
             duty_limit: Largest duty, 0 to 1.
+            duty: Motor voltage by supply voltage, instead of a goal; None: regulate to the goal.
         """
         actuator = int(self._twin.actuator[joint])
-        if torque and not self._driven[joint]:
+        by_duty = duty is not None
+        if duty is not None:
+            # So far away that the joint's own angle is nothing to it: gain times distance is the voltage.
+            goal, p_gain = duty * _FAR, 1
+        if torque and (not self._driven[joint] or by_duty != self._by_duty[joint]):
             # The delay line still holds goals from before: a servo that is switched on has forgotten them.
             mujoco.mj_initCtrlHistory(self._model, self._data, actuator, None, np.full(self._samples(joint), goal))
             self._hand[joint] = False
             self._data.qfrc_applied[self._twin.dof[joint]] = 0.0
         self._driven[joint], self._p_gain[joint], self._duty_limit[joint] = torque, p_gain, duty_limit
+        self._by_duty[joint] = by_duty
         self._data.ctrl[actuator] = goal
         self._write_motors()
+
+    def sag(self, volts: float) -> None:
+        """Let the supply sag from the next step on.
+
+        Args:
+            volts: By how much [V]; it stays above 0.1 V.
+        """
+        volts = min(volts, self._twin.voltage - _LEAST_VOLTAGE)
+        if volts != self._sag:
+            self._sag = volts
+            self._write_motors()
 
     def step(self) -> None:
         """Advance by one physics step.
@@ -187,9 +210,11 @@ class Plant:
         )
 
     def _write_motors(self) -> None:
-        actuators, voltage = self._twin.actuator, self._twin.voltage
+        actuators, voltage = self._twin.actuator, self.voltage
         rows = self._model.actuator_gainprm[actuators]
         write_motors(rows, self._twin.servos, self._p_gain, np.full(len(rows), voltage), self._driven)
+        k, r = self._twin.servos.torque_constant, self._twin.servos.resistance
+        rows[self._by_duty, _GAIN] = (k / r * voltage / _FAR)[self._by_duty]
         rows[:, _LARGEST_VOLTAGE] = voltage * self._duty_limit
         self._model.actuator_gainprm[actuators] = rows
 

@@ -11,10 +11,17 @@ A TOML file of sim/lamp/realities/; every value is optional, and off unless it i
     encoder_noise = 0.001        # rad, standard deviation of each reading
 
     [line]
-    jitter = 0.0003              # s, mean of how late an instruction reaches the servos (exponential)
+    latency = 0.0                # s, how late every instruction reaches the servos
+    jitter = 0.0003              # s, mean of how much later still (exponential)
+
+    [supply]
+    resistance = 0.0             # Ohm, of cable and battery: the supply sags under load
+    drain = 0.0                  # V/s, by which it falls as time goes
 
     [foot]
     gain = 1.0                   # sensor reading, times this
+    offset = 0.0                 # N, added to each reading
+    drift = 0.0                  # N/s, by which the offset grows
     noise = 0.03                 # N, standard deviation of each reading
 
     [lamp]
@@ -50,8 +57,13 @@ class Reality:
         strength: Torque constants, times this.
         friction: All friction of the servos, times this.
         encoder_noise: Standard deviation of each angle reading [rad].
-        jitter: Mean of how late an instruction reaches the servos [s].
+        latency: How late every instruction reaches the servos [s].
+        jitter: Mean of how much later still [s].
+        resistance: Of the supply [Ohm].
+        drain: By how much the supply falls as time goes [V/s].
         foot_gain: Foot sensor reading, times this.
+        foot_offset: Added to each force reading [N].
+        foot_drift: By how much that grows [N/s].
         foot_noise: Standard deviation of each force reading [N].
         floor_friction: Sliding friction of foot on floor, times this.
         mass: All masses, times this.
@@ -62,8 +74,13 @@ class Reality:
     strength: NDArray[np.float64]
     friction: NDArray[np.float64]
     encoder_noise: NDArray[np.float64]
+    latency: float = 0.0
     jitter: float = 0.0
+    resistance: float = 0.0
+    drain: float = 0.0
     foot_gain: float = 1.0
+    foot_offset: float = 0.0
+    foot_drift: float = 0.0
     foot_noise: float = 0.0
     floor_friction: float = 1.0
     mass: float = 1.0
@@ -97,19 +114,24 @@ def load_reality(name: str | Path, lamp: Lamp, assets: Assets) -> Reality:
         if joint not in lamp.names:
             raise joints.fail(joint, f"no such joint; expected one of {', '.join(lamp.names)}")
     own = [joints.table(joint, default={}) for joint in lamp.names]
-    line, foot, whole = (root.table(key, default={}) for key in ("line", "foot", "lamp"))
+    line, supply, foot, whole = (root.table(key, default={}) for key in ("line", "supply", "foot", "lamp"))
     reality = Reality(
         name=title,
         strength=np.array([table.number("strength", 0.1, 2.0, default=1.0) for table in own]),
         friction=np.array([table.number("friction", 0.0, 10.0, default=1.0) for table in own]),
         encoder_noise=np.array([table.number("encoder_noise", 0.0, 0.1, "rad", default=0.0) for table in own]),
+        latency=line.number("latency", 0.0, 0.05, "s", default=0.0),
         jitter=line.number("jitter", 0.0, 0.05, "s", default=0.0),
+        resistance=supply.number("resistance", 0.0, 1.0, "Ohm", default=0.0),
+        drain=supply.number("drain", 0.0, 0.1, "V/s", default=0.0),
         foot_gain=foot.number("gain", 0.0, 10.0, default=1.0),
+        foot_offset=foot.number("offset", -10.0, 10.0, "N", default=0.0),
+        foot_drift=foot.number("drift", -1.0, 1.0, "N/s", default=0.0),
         foot_noise=foot.number("noise", 0.0, 10.0, "N", default=0.0),
         floor_friction=whole.number("floor_friction", 0.05, 5.0, default=1.0),
         mass=whole.number("mass", 0.2, 5.0, default=1.0),
         seed=seed,
     )
-    for table in (root, *own, line, foot, whole):
+    for table in (root, *own, line, supply, foot, whole):
         table.done()
     return reality

@@ -7,21 +7,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from pathlib import Path
 
 from robolamp.dynamixel.registers import (
     BAUD_CODES,
-    COUNTS_PER_TURN,
-    CURRENT_UNIT,
-    FULL_PWM,
-    RAD_PER_COUNT,
     RETURN_DELAY_UNIT,
-    VELOCITY_UNIT,
     VOLTAGE_UNIT,
     WATCHDOG_UNIT,
+    HardwareError,
     Model,
     Name,
 )
+from robolamp.emulator.drive import Drive, Sensed
+from robolamp.emulator.eeprom import load_eeprom, save_eeprom
+from robolamp.emulator.guard import Guard
+from robolamp.emulator.motion import TORQUE_BY_GOAL, Motion
+from robolamp.emulator.motor import DATASHEETS
 from robolamp.emulator.packet import ALERT, Error, Instruction
 from robolamp.emulator.table import TRIPPED, ControlTable, Refused
 
@@ -31,67 +32,50 @@ FIRMWARE = 52
 BOOT_TIME = 0.2
 """How long a servo is silent after REBOOT [s]. Estimate: the e-manual gives none."""
 
-IN_POSITION = 20
-"""Distance from the goal at which Moving Status(123) says "arrived" [counts]. Estimate: the e-manual gives none."""
-
 _TICKS = 32_768  # Realtime Tick(120) counts 0 to 32,767 ms
-_HOMING_IN_MODE_3 = 1024  # e-manual "Homing Offset(20)": outside +-1,024 it is ignored in position mode
 _PRESENT_FROM, _PRESENT_TO = 120, 148  # Realtime Tick to Backup Ready, refreshed when a client reads them
-
-
-@dataclass(frozen=True, slots=True)
-class Sensed:
-    """What a servo's own sensors measure, before it is rounded to register units.
-
-    Attributes:
-        angle: Of the output shaft, 0 to 2 pi over its turn [rad].
-        velocity: Of the output shaft [rad/s].
-        current: Supply current, positive where the motor pushes towards larger angles [A].
-        duty: Motor voltage by supply voltage, -1 to 1.
-        voltage: Supply [V].
-        temperature: Inside [degC].
-    """
-
-    angle: float
-    velocity: float
-    current: float
-    duty: float
-    voltage: float
-    temperature: float
-
-
-@dataclass(frozen=True, slots=True)
-class Drive:
-    """What a servo does to its motor.
-
-    Attributes:
-        torque: Whether the motor is driven; else its winding is open.
-        goal: Shaft angle it regulates to [rad].
-        p_gain: Position P Gain register.
-        duty_limit: Largest duty, 0 to 1.
-    """
-
-    torque: bool
-    goal: float
-    p_gain: int
-    duty_limit: float
+_GUARD_STEP = 0.01  # how often heat and errors are looked at [s]
+_CLEAR_TURNS = b"\x01\x44\x58\x4c\x22"  # e-manual "Clear": option 1 and its fixed values
+_RESETS: Mapping[int, tuple[Name, ...]] = {  # e-manual "Factory Reset": what each option keeps
+    0xFF: (),
+    0x01: (Name.ID,),
+    0x02: (Name.ID, Name.BAUD_RATE),
+}
+_STARTUP_TORQUE = 0x01  # bit of Startup Configuration(60)
 
 
 class Servo:
-    """A servo in position mode on a bus.
+    """A servo on a bus.
 
     Args:
         model: Its control table.
         eeprom: Values that differ from the factory's, by register.
         sense: Returns what its sensors measure at a time [s].
+        own_loop: Regulate plain position control too, for a plant that is only a motor.
+        store: File that keeps its EEPROM; what it holds goes before `eeprom`. None: EEPROM ends with the process.
+
+    Raises:
+        FileError: The file cannot be read, or is not this model's.
     """
 
-    def __init__(self, model: Model, eeprom: Mapping[Name, int], sense: Callable[[float], Sensed]) -> None:
+    def __init__(
+        self,
+        model: Model,
+        eeprom: Mapping[Name, int],
+        sense: Callable[[float], Sensed],
+        *,
+        own_loop: bool = False,
+        store: Path | None = None,
+    ) -> None:
         self.model = model
-        self._sense = sense
-        self._table = ControlTable(model, {Name.FIRMWARE_VERSION: FIRMWARE, **eeprom})
+        self._sense, self._store = sense, store
+        kept = load_eeprom(store, model) if store else {}
+        self._table = ControlTable(model, {Name.FIRMWARE_VERSION: FIRMWARE, **eeprom, **kept})
+        self._guard = Guard(DATASHEETS[model.name])
         self._booted = -math.inf
-        self._fed = 0.0
+        self._fed = self._polled = self._guarded = 0.0
+        self._table.power_on()
+        self._motion = Motion(self._table, DATASHEETS[model.name], own_loop, sense(0.0))
         self._power_on(0.0)
 
     @property
@@ -114,32 +98,80 @@ class Servo:
         """Time from an instruction's end to the answer's start [s]."""
         return self._table.get(Name.RETURN_DELAY_TIME) * RETURN_DELAY_UNIT
 
+    @property
+    def heat(self) -> float:
+        """How much warmer it is than the air around it [K]."""
+        return self._guard.rise
+
     def hears(self, baud: int, time: float) -> bool:
         """Return whether bytes at that rate [1/s] reach it at that time [s]: same rate, and not booting."""
         return time >= self._booted and BAUD_CODES.get(baud) == self._table.get(Name.BAUD_RATE)
 
     def drive(self) -> Drive:
-        """Return what it does to its motor now."""
-        return self._drive
+        """Return what it does to its motor now: the same object for as long as that does not change."""
+        return self._motion.drive
 
     def poll(self, time: float) -> None:
-        """Let time pass: trip the Bus Watchdog when nothing was heard for too long (e-manual "Bus Watchdog(98)").
+        """Let time pass; call it before each physics step.
+
+        Control loops and profiles run here, heat and errors are watched, and the Bus Watchdog trips when nothing was
+        heard for too long (e-manual "Bus Watchdog(98)").
 
         Args:
             time: Now [s].
         """
-        limit = self._watchdog
-        if limit > 0 and self._drive.torque and time - self._fed > limit * WATCHDOG_UNIT:
+        dt = time - self._polled
+        if dt <= 0.0:
+            return
+        self._polled = time
+        if self._motion.watching:
+            self._motion.step(self._sense(time), dt)
+        if time - self._guarded >= _GUARD_STEP:
+            self._watch(time)
+        limit = self._table.get(Name.BUS_WATCHDOG)
+        if limit > 0 and self._motion.drive.torque and time - self._fed > limit * WATCHDOG_UNIT:
             self._table.put(Name.BUS_WATCHDOG, TRIPPED)
             self._table.put(Name.PROFILE_VELOCITY, 0)
             self._table.put(Name.PROFILE_ACCELERATION, 0)
-            self._watchdog = TRIPPED
-            self._hold = self._sense(time).angle
-            self._update_drive()
+            self._motion.stop(self._sense(time))
 
     def heard(self, time: float) -> None:
         """Take note of an instruction packet on the bus, whoever it is for: it feeds the Bus Watchdog."""
         self._fed = time
+
+    def reboot(self, time: float) -> None:
+        """Start again, silent for `BOOT_TIME`: RAM is lost, EEPROM and heat are not.
+
+        Args:
+            time: Now [s].
+        """
+        self._power_on(time)
+        self._booted = time + BOOT_TIME
+
+    def register(self, name: Name) -> int:
+        """Return a register as it was last written or measured."""
+        return self._table.get(name)
+
+    def put(self, name: Name, value: int) -> None:
+        """Set a register, whatever its access, and let it act.
+
+        Args:
+            name: Which.
+            value: What to.
+        """
+        self._table.put(name, value)
+        self._motion.obey({name: value})
+
+    def fail(self, errors: HardwareError) -> None:
+        """Meet with hardware errors: they stay until a reboot, and shut it down where Shutdown(63) says so.
+
+        Args:
+            errors: Bits of Hardware Error Status(70).
+        """
+        self._latched |= errors
+        self._table.put(Name.HARDWARE_ERROR_STATUS, self._table.get(Name.HARDWARE_ERROR_STATUS) | errors)
+        if self._shut_down and self._table.get(Name.TORQUE_ENABLE):
+            self.put(Name.TORQUE_ENABLE, 0)
 
     def read(self, address: int, size: int, time: float) -> bytes:
         """Return a stretch of the control table, measurements refreshed.
@@ -152,29 +184,49 @@ class Servo:
         Raises:
             Refused: The stretch is empty or leaves the table.
         """
-        if address < _PRESENT_TO and address + size > _PRESENT_FROM:
+        if self._table.touches(address, size, _PRESENT_FROM, _PRESENT_TO):
             self._measure(time)
         return self._table.read(address, size)
 
-    def write(self, address: int, data: bytes) -> None:
+    def write(self, address: int, data: bytes, time: float) -> None:
         """Write whole registers, all or none, and let them act.
 
         Args:
             address: Of the first register.
             data: One or more registers' bytes.
+            time: Now [s].
 
         Raises:
-            Refused: See `ControlTable.write`.
+            Refused: See `ControlTable.write`; RESULT: torque on after a shutdown.
         """
-        self._obey(self._table.write(address, data))
+        before = {name: self._table.get(name) for name in (Name.OPERATING_MODE, Name.TORQUE_ENABLE)}
+        if self._shut_down and self._table.check(address, data).get(Name.TORQUE_ENABLE) == 1:
+            raise Refused(Error.RESULT)
+        changes = self._table.write(address, data)
+        by_goal = self._motion.goal_register in changes and self._table.get(Name.DRIVE_MODE) & TORQUE_BY_GOAL
+        if by_goal and not self._shut_down:
+            self._table.put(Name.TORQUE_ENABLE, 1)
+        if changes.get(Name.OPERATING_MODE, before[Name.OPERATING_MODE]) != before[Name.OPERATING_MODE]:
+            self._motion.change_mode(self._sense(time))
+        elif changes.keys() & {Name.DRIVE_MODE, Name.HOMING_OFFSET, Name.OPERATING_MODE}:
+            self._motion.find(self._sense(time))
+        if self._table.get(Name.TORQUE_ENABLE) > before[Name.TORQUE_ENABLE]:
+            self._fed = time
+            self._motion.torque_on(self._sense(time))
+        self._motion.obey(changes)
+        if self._store and any(self.model[name].eeprom for name in changes):
+            save_eeprom(self._store, self.model, self._table.eeprom())
 
-    def answer(self, instruction: int, parameters: bytes, time: float) -> tuple[int, bytes] | None:
+    def answer(
+        self, instruction: int, parameters: bytes, time: float, *, broadcast: bool = False
+    ) -> tuple[int, bytes] | None:
         """Carry out an instruction for this servo alone.
 
         Args:
             instruction: INST byte.
             parameters: Its parameters.
             time: Now [s].
+            broadcast: It was meant for all servos.
 
         Returns:
             ERR byte and parameters of the status packet; None where Status Return Level(68) wants none.
@@ -183,26 +235,33 @@ class Servo:
         level, result = 2, b""
         error = Error.NONE
         try:
-            if instruction == Instruction.PING:
-                level = 0
-                result = self._table.read(0, 2) + self._table.read(6, 1)  # model number, firmware
-            elif instruction == Instruction.READ:
-                level = 1
-                if len(parameters) != 4:
-                    raise Refused(Error.LENGTH)
-                address, size = (int.from_bytes(parameters[i : i + 2], "little") for i in (0, 2))
-                result = self.read(address, size, time)
-            elif instruction == Instruction.WRITE:
-                if len(parameters) < 2:
-                    raise Refused(Error.LENGTH)
-                self.write(int.from_bytes(parameters[:2], "little"), parameters[2:])
-            elif instruction == Instruction.REBOOT:
-                self._power_on(time)
-                self._booted = time + BOOT_TIME
-            elif instruction == Instruction.FACTORY_RESET:
-                raise Refused(Error.RESULT)
-            else:
-                raise Refused(Error.INSTRUCTION)
+            match instruction:
+                case Instruction.PING:
+                    level = 0
+                    result = self._table.read(0, 2) + self._table.read(6, 1)  # model number, firmware
+                case Instruction.READ:
+                    level = 1
+                    if len(parameters) != 4:
+                        raise Refused(Error.LENGTH)
+                    address, size = (int.from_bytes(parameters[i : i + 2], "little") for i in (0, 2))
+                    result = self.read(address, size, time)
+                case Instruction.WRITE:
+                    self.write(*_addressed(parameters), time)
+                case Instruction.REG_WRITE:
+                    address, data = _addressed(parameters)
+                    self._table.check(address, data)
+                    self._registered = (address, data)
+                    self._table.put(Name.REGISTERED_INSTRUCTION, 1)
+                case Instruction.ACTION:
+                    self._act(time)
+                case Instruction.REBOOT:
+                    self.reboot(time)
+                case Instruction.FACTORY_RESET:
+                    self._factory_reset(parameters, time, broadcast)
+                case Instruction.CLEAR:
+                    self._clear(parameters, time)
+                case _:
+                    raise Refused(Error.INSTRUCTION)
         except Refused as refusal:
             error = refusal.error
         return (self.alert(error), result) if level <= granted else None
@@ -211,62 +270,75 @@ class Servo:
         """Return an ERR byte: the error, and the alert bit while Hardware Error Status(70) is not 0."""
         return error | (ALERT if self._table.get(Name.HARDWARE_ERROR_STATUS) else 0)
 
+    @property
+    def _shut_down(self) -> bool:
+        return bool(self._latched & self._table.get(Name.SHUTDOWN))
+
     def _power_on(self, time: float) -> None:
-        """Give RAM its values at power-on; goals are the limits, and the present position."""
+        """Give RAM its values at power-on."""
         self._table.power_on()
-        for goal, limit in (
-            (Name.GOAL_PWM, Name.PWM_LIMIT),
-            (Name.GOAL_CURRENT, Name.CURRENT_LIMIT),
-            (Name.GOAL_VELOCITY, Name.VELOCITY_LIMIT),
-        ):
-            if goal in self._table:
-                self._table.put(goal, self._table.get(limit))
         self._table.put(Name.BACKUP_READY, 1)
         self._started = time
-        self._watchdog = 0
-        self._hold: float | None = None  # where a tripped watchdog stopped it, until a goal or torque off [rad]
-        self._table.put(Name.GOAL_POSITION, self._counts(self._sense(time).angle))
-        self._update_drive()
+        self._latched = HardwareError(0)
+        self._registered: tuple[int, bytes] | None = None
+        self._guard.restart()
+        seen = self._sense(time)
+        self._motion.power_on(seen)
+        if self._table.get(Name.STARTUP_CONFIGURATION) & _STARTUP_TORQUE:
+            self._table.put(Name.TORQUE_ENABLE, 1)
+            self._motion.torque_on(seen)
 
-    def _homing(self) -> int:
-        offset = self._table.get(Name.HOMING_OFFSET)
-        return offset if abs(offset) <= _HOMING_IN_MODE_3 else 0
+    def _watch(self, time: float) -> None:
+        """Let it heat up, and shut it down where it must be."""
+        errors = self._guard.step(self._sense(time), self._table, time - self._guarded)
+        self._guarded = time
+        lasting = errors & HardwareError(self._table.get(Name.SHUTDOWN))
+        if lasting & ~self._latched:
+            self.fail(lasting)
+        self._table.put(Name.HARDWARE_ERROR_STATUS, self._latched | errors)
 
-    def _counts(self, angle: float) -> int:
-        return round(angle / RAD_PER_COUNT) % COUNTS_PER_TURN + self._homing()
+    def _act(self, time: float) -> None:
+        if self._registered is None:
+            raise Refused(Error.INSTRUCTION)
+        address, data = self._registered
+        self._registered = None
+        self._table.put(Name.REGISTERED_INSTRUCTION, 0)
+        self.write(address, data, time)
 
-    def _obey(self, changes: Mapping[Name, int]) -> None:
-        """Let written registers act."""
-        if Name.BUS_WATCHDOG in changes:
-            self._watchdog = changes[Name.BUS_WATCHDOG]
-        if Name.GOAL_POSITION in changes or changes.get(Name.TORQUE_ENABLE) == 0:
-            self._hold = None
-        self._update_drive()
+    def _factory_reset(self, parameters: bytes, time: float, broadcast: bool) -> None:
+        if len(parameters) != 1:
+            raise Refused(Error.LENGTH)
+        option = parameters[0]
+        if option not in _RESETS:
+            raise Refused(Error.RANGE)
+        if broadcast and option == 0xFF:
+            return  # e-manual "Factory Reset": not for all at once, they would all have the same id
+        self._table.factory_reset(keep=_RESETS[option])
+        if self._store:
+            save_eeprom(self._store, self.model, self._table.eeprom())
+        self.reboot(time)
 
-    def _update_drive(self) -> None:
-        goal = (self._table.get(Name.GOAL_POSITION) - self._homing()) * RAD_PER_COUNT
-        self._drive = Drive(
-            torque=bool(self._table.get(Name.TORQUE_ENABLE)),
-            goal=goal if self._hold is None else self._hold,
-            p_gain=self._table.get(Name.POSITION_P_GAIN),
-            duty_limit=abs(self._table.get(Name.GOAL_PWM)) / FULL_PWM,
-        )
+    def _clear(self, parameters: bytes, time: float) -> None:
+        """Take the present position back into the first turn (e-manual "Clear")."""
+        if len(parameters) != len(_CLEAR_TURNS):
+            raise Refused(Error.LENGTH)
+        self._measure(time)
+        if parameters != _CLEAR_TURNS or self._table.get(Name.MOVING):
+            raise Refused(Error.RESULT)
+        self._motion.find(self._sense(time))
+        self._motion.hold_here()  # or it would set out for a goal that now is turns away
 
     def _measure(self, time: float) -> None:
         """Refresh the registers of what is measured."""
         seen = self._sense(time)
-        position, goal = self._counts(seen.angle), self._table.get(Name.GOAL_POSITION)
-        velocity = round(seen.velocity / VELOCITY_UNIT)
+        self._motion.measure(seen)
         self._table.put(Name.REALTIME_TICK, int(max(time - self._started, 0.0) * 1000) % _TICKS)
-        self._table.put(Name.MOVING, int(abs(velocity) > self._table.get(Name.MOVING_THRESHOLD)))
-        self._table.put(Name.MOVING_STATUS, int(abs(goal - position) <= IN_POSITION))
-        self._table.put(Name.PRESENT_PWM, round(seen.duty * FULL_PWM))
-        if Name.PRESENT_CURRENT in self._table:
-            self._table.put(Name.PRESENT_CURRENT, max(-32768, min(32767, round(seen.current / CURRENT_UNIT))))
-        else:
-            self._table.put(Name.PRESENT_LOAD, round(seen.duty * 1000))
-        self._table.put(Name.PRESENT_VELOCITY, velocity)
-        self._table.put(Name.PRESENT_POSITION, position)
-        self._table.put(Name.POSITION_TRAJECTORY, goal)
-        self._table.put(Name.PRESENT_INPUT_VOLTAGE, round(seen.voltage / VOLTAGE_UNIT))
-        self._table.put(Name.PRESENT_TEMPERATURE, round(seen.temperature))
+        self._table.put(Name.PRESENT_INPUT_VOLTAGE, max(0, round(seen.voltage / VOLTAGE_UNIT)))
+        self._table.put(Name.PRESENT_TEMPERATURE, max(0, min(255, round(seen.temperature + self._guard.rise))))
+
+
+def _addressed(parameters: bytes) -> tuple[int, bytes]:
+    """Return address and data of a write."""
+    if len(parameters) < 2:
+        raise Refused(Error.LENGTH)
+    return int.from_bytes(parameters[:2], "little"), parameters[2:]

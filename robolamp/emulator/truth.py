@@ -24,13 +24,17 @@ class TruthLog:
         lamp: The lamp to watch.
         start: The monotonic clock at the lamp's time 0 [s].
         context: What is emulated, kept as the file's metadata.
+        epoch: Nanoseconds since the epoch at a virtual clock's 0; None: the clock is the monotonic one.
 
     Raises:
         FileError: The file cannot be made.
     """
 
-    def __init__(self, path: Path, lamp: EmulatedLamp, start: float, context: dict[str, str]) -> None:
-        self._writer = LogWriter(path, context=context, joints=lamp.lamp.names)
+    def __init__(
+        self, path: Path, lamp: EmulatedLamp, start: float, context: dict[str, str], *, epoch: int | None = None
+    ) -> None:
+        virtual = epoch is not None
+        self._writer = LogWriter(path, context=context, joints=lamp.lamp.names, epoch=epoch, lossless=virtual)
         self._start = start
         self._next = 0.0
         lamp.watch(self._step)

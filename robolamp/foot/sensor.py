@@ -44,19 +44,25 @@ class FootSensor:
         port: Device path, or an already open source of bytes.
         baud: Baud rate [1/s].
         clock: Measures ages.
+        tare: What the sensor shows with the foot in the air [N].
+        scale: Newtons a newton that it shows beyond that.
 
     Attributes:
         name: The port's path.
         decoder: Counts frames, damage and losses.
     """
 
-    def __init__(self, port: str | ByteSource, baud: int, clock: Clock) -> None:
+    def __init__(
+        self, port: str | ByteSource, baud: int, clock: Clock, *, tare: float = 0.0, scale: float = 1.0
+    ) -> None:
         self.name = port if isinstance(port, str) else type(port).__name__
         self.decoder = Decoder()
         self._path = port if isinstance(port, str) else None
         self._source: ByteSource | None = None if isinstance(port, str) else port
         self._baud = baud
         self._clock = clock
+        self._tare = tare
+        self._scale = scale
         self._newest: Frame | None = None
         self._sampled = -math.inf  # newest sample's time on the host's clock [s]
         self._sensor_time = 0.0  # the same on the sensor's clock, unwrapped [s]
@@ -117,8 +123,8 @@ class FootSensor:
 
     @property
     def force(self) -> float:
-        """The newest force [N]; NaN before the first frame."""
-        return math.nan if self._newest is None else self._newest.force
+        """The newest force, tared and scaled [N]; NaN before the first frame."""
+        return math.nan if self._newest is None else (self._newest.force - self._tare) * self._scale
 
     @property
     def age(self) -> float:

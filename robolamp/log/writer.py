@@ -56,6 +56,7 @@ class LogWriter:
         joints: Joint names, n of them.
         now: The clock of the message times, read at this moment [s]: for a virtual clock. None: times are on
             `time.monotonic()`, the robot's clock, which is matched to the epoch to a few microseconds.
+        epoch: Nanoseconds since the epoch at that clock's 0, in place of `now`: for logs that share a virtual clock.
         lossless: Wait for room in the queue instead of dropping messages: for a run in virtual time.
 
     Attributes:
@@ -74,13 +75,17 @@ class LogWriter:
         context: Mapping[str, str],
         joints: Sequence[str] = (),
         now: float | None = None,
+        epoch: int | None = None,
         lossless: bool = False,
     ) -> None:
         self.path = Path(path)
         self.error = ""
         self.dropped = 0
         self._joints = list(joints)
-        self._offset = _monotonic_offset() if now is None else time.time_ns() - round(now * 1e9)
+        if epoch is not None:
+            self._offset = epoch
+        else:
+            self._offset = _monotonic_offset() if now is None else time.time_ns() - round(now * 1e9)
         self._lossless = lossless
         self._queue: queue.Queue[tuple[_Message, ...]] = queue.Queue(QUEUE_LENGTH)
         self._closed = False

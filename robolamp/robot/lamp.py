@@ -13,7 +13,7 @@ from robolamp.errors import BusError, SafetyError
 from robolamp.foot.sensor import ByteSource, FootSensor
 from robolamp.lamp import Lamp
 from robolamp.robot.frame import JointFrame
-from robolamp.robot.preflight import check_foot, check_servos, check_state
+from robolamp.robot.preflight import check_foot, check_servos, check_state, notices
 from robolamp.signals import Clock, Command, Health, Observation
 
 WATCHDOG = 0.2
@@ -36,8 +36,12 @@ class RobotLamp:
         foot_port: Port of the foot sensor: a device path, or an open source of bytes.
         clock: Stamps the observations and measures timeouts.
         patience: How long an answer may be late before it is a gap [s].
+        duty: The most of the supply that the motors get, above 0 to 1: less for careful first runs.
+        fix: Whether `open` mends settings that are wrong and that software may mend.
 
     Attributes:
+        notices: What `open` found that is not wrong, but could be better.
+        mended: What `open` mended.
         left_on: Joints whose servos did not confirm the last torque(False): they may still hold.
     """
 
@@ -49,15 +53,22 @@ class RobotLamp:
         clock: Clock,
         *,
         patience: float = PATIENCE,
+        duty: float = 1.0,
+        fix: bool = False,
     ) -> None:
         labels = {joint.id: joint.name for joint in lamp.joints}
+        self.notices: list[str] = []
+        self.mended: list[str] = []
+        self._duty = duty
+        self._fix = fix
         self.left_on: tuple[str, ...] = ()
         self._lamp = lamp
         self._clock = clock
         self._frame = JointFrame(lamp)
         self._bus = Bus(bus_port, lamp.bus_baud, clock, labels=labels, patience=patience)
-        self._foot = FootSensor(foot_port, lamp.foot_baud, clock)
+        self._foot = FootSensor(foot_port, lamp.foot_baud, clock, tare=lamp.foot_tare, scale=lamp.foot_scale)
         self._servos: Servos | None = None
+        self._firmware: list[int] = []
         self._measured = np.full(len(lamp.joints), -math.inf)  # when each angle last came [s]
         self._torque = False
         self._spoke = -math.inf  # when the bus last carried a packet of ours [s]
@@ -70,12 +81,19 @@ class RobotLamp:
         return self._lamp.names
 
     @property
+    def transport(self) -> str:
+        """How a tick's reading is made, in words; empty before `open`."""
+        return "" if self._servos is None else str(self._servos.transport)
+
+    @property
     def clock(self) -> Clock:
         """The clock that observations are stamped with."""
         return self._clock
 
     def open(self) -> None:
-        """Open both ports and check that the lamp may be moved; nothing moves, nothing is written.
+        """Open both ports and check that the lamp may be moved; nothing moves.
+
+        Written are the servos' health blocks (RAM) and, only with `fix`, settings that are wrong.
 
         Raises:
             BusError: A port does not exist, a servo or the foot sensor does not answer.
@@ -84,10 +102,14 @@ class RobotLamp:
         try:
             self._bus.open()
             self._foot.open()
-            models = check_servos(self._lamp, self._bus)
-            servos = Servos(self._bus, [joint.id for joint in self._lamp.joints], models)
-            check_state(self._lamp, self._bus, servos)
-            check_foot(self._foot, self._clock)
+            models, identities = check_servos(self._lamp, self._bus)
+            ids = [joint.id for joint in self._lamp.joints]
+            servos = Servos(self._bus, ids, models)
+            self.mended = check_state(self._lamp, self._bus, servos, fix=self._fix)
+            check_foot(self._foot, self._clock, self._lamp.contact_on)
+            self.notices = notices(identities, models, [self._bus.label(servo) for servo in ids])
+            self._firmware = [identity.firmware for identity in identities]
+            servos.prepare(self._firmware)
         except BaseException:
             self._bus.close()
             self._foot.close()
@@ -103,7 +125,7 @@ class RobotLamp:
         """
         if on:
             try:
-                self._ready().torque_on([joint.position_p_gain for joint in self._lamp.joints], WATCHDOG)
+                self._ready().torque_on([joint.position_p_gain for joint in self._lamp.joints], WATCHDOG, self._duty)
             except BaseException:
                 self.torque(False)
                 raise
@@ -132,6 +154,8 @@ class RobotLamp:
             self._spoke = began
             faults += [f"{self.joints[index]}: no answer" for index in np.flatnonzero(~present)]
             self._unknown = np.where(present & (state.torque < 0), self._unknown + 1, 0)
+            silent_alert = np.flatnonzero((state.error > 0) & (state.hardware_error <= 0))
+            faults += [f"{self.joints[index]}: error byte {state.error[index]:#04x}" for index in silent_alert]
             lasting = np.flatnonzero(self._unknown >= _CONDITION_TICKS)
             faults += [f"{self.joints[index]}: condition unknown" for index in lasting]
         try:
@@ -180,6 +204,24 @@ class RobotLamp:
         self._silence = 0.0
         servos.write_goals(self._frame.servo_angle(goal))
         self._spoke = now
+
+    def reconnect(self) -> bool:
+        """Open the servo port again after it went away, once; torque is left as it is.
+
+        Returns:
+            Whether every servo answers again. Until `torque(True)` each may be stopped by its watchdog.
+        """
+        if self._servos is None:
+            return False
+        self._bus.close()
+        try:
+            self._bus.open()
+            if any(self._bus.ping(joint.id) is None for joint in self._lamp.joints):
+                return False
+            self._servos.prepare(self._firmware)
+        except BusError:
+            return False
+        return True
 
     def close(self) -> None:
         """Turn torque off and close both ports; may be called twice."""

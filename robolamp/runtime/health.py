@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from enum import IntEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robolamp.dynamixel.registers import MODELS, VOLTAGE_UNIT, HardwareError, Name
 from robolamp.lamp import Lamp
@@ -23,6 +25,18 @@ FOOT_AGE_STOP = 0.1
 TEMPERATURE = 65.0
 """Temperature at which the run ends [degC]: below the servos' own limits of 70 and 72 (Temperature Limit(31))."""
 
+WARM = 60.0
+"""Temperature that is a fault, and only a fault [degC]: 5 below the end of the run."""
+
+OVER_TIME = 2.0
+"""Time constant of the running means of duty and current [s]. Estimate: a stall heats a winding within seconds."""
+
+DUTY = 0.9
+"""Running mean of a servo's duty at which the run ends: a hop saturates it for tens of milliseconds."""
+
+CURRENT = 0.8
+"""Running rms of a servo's current at which the run ends [A]: half its stall current at 5 V (e-manual: 1.47 A)."""
+
 VOLTAGE_TIME = 0.2
 """How long a voltage below the servo's limit is only a fault [s]; a hop's sag is shorter."""
 
@@ -35,18 +49,46 @@ class Verdict(IntEnum):
     CUT = 2
 
 
+class RunningMean:
+    """A first-order running mean of n values; a value that is missing leaves its mean as it is.
+
+    Args:
+        n: How many values.
+        time_constant: [s].
+    """
+
+    def __init__(self, n: int, time_constant: float) -> None:
+        self._mean = np.zeros(n)
+        self._time = math.nan
+        self._constant = time_constant
+
+    def add(self, values: NDArray[np.float64], time: float) -> NDArray[np.float64]:
+        """Take values and return the means, which start at 0.
+
+        Args:
+            values: Shape (n,); NaN where missing.
+            time: When they were measured [s].
+        """
+        passed = 0.0 if math.isnan(self._time) else max(0.0, time - self._time)
+        self._time = time
+        share = -math.expm1(-passed / self._constant)
+        self._mean += np.where(np.isfinite(values), share * (values - self._mean), 0.0)
+        return self._mean
+
+
 class Guard:
     """Judges one observation after the other.
 
     Args:
         lamp: Gives joint names and servo models.
+        powered: Whether torque is on, as it must be from then on; False for a run that only watches.
 
     Attributes:
         faults: How many observations showed each fault, by its text.
         reason: The fault that ended the run; empty while there is none.
     """
 
-    def __init__(self, lamp: Lamp) -> None:
+    def __init__(self, lamp: Lamp, *, powered: bool = True) -> None:
         self.faults: Counter[str] = Counter()
         self.reason = ""
         self._names = lamp.names
@@ -54,6 +96,9 @@ class Guard:
             [(MODELS[joint.servo][Name.MIN_VOLTAGE_LIMIT].initial or 0) * VOLTAGE_UNIT for joint in lamp.joints]
         )
         self._low_since: dict[str, float] = {}
+        self._powered = powered
+        self._duty = RunningMean(len(lamp.joints), OVER_TIME)
+        self._heating = RunningMean(len(lamp.joints), OVER_TIME)
 
     def check(self, observation: Observation) -> Verdict:
         """Take note of an observation's faults (its own and those found here) and judge it.
@@ -79,18 +124,26 @@ class Guard:
         found: list[tuple[str, Verdict]] = []
         health = observation.health
         old = observation.angle_age > ANGLE_AGE
+        duty = self._duty.add(np.abs(health.pwm), observation.time)
+        current = np.sqrt(self._heating.add(observation.current**2, observation.time))
         if old.all():
             found.append((f"no servo has answered for {ANGLE_AGE:g} s", Verdict.CUT))
         for index, name in enumerate(self._names):
             error = int(health.hardware_error[index])
             if error > 0:
                 found.append((f"{name}: hardware error ({HardwareError.words(error)})", Verdict.LAND))
-            if health.torque[index] == 0:
+            if health.torque[index] == 0 and self._powered:
                 found.append((f"{name}: torque went off", Verdict.LAND))
             if old[index]:
                 found.append((f"{name}: no answer for {ANGLE_AGE:g} s", Verdict.LAND))
             if health.temperature[index] > TEMPERATURE:
                 found.append((f"{name}: above {TEMPERATURE:g} degC", Verdict.LAND))
+            elif health.temperature[index] > WARM:
+                found.append((f"{name}: above {WARM:g} degC", Verdict.GO))
+            if duty[index] > DUTY:
+                found.append((f"{name}: stalled, duty above {DUTY:.0%} over {OVER_TIME:g} s", Verdict.LAND))
+            if current[index] > CURRENT:
+                found.append((f"{name}: current above {CURRENT:g} A over {OVER_TIME:g} s", Verdict.LAND))
             if health.voltage[index] < self._lowest[index]:
                 since = self._low_since.setdefault(name, observation.time)
                 lasting = observation.time - since >= VOLTAGE_TIME

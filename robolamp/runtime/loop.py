@@ -29,6 +29,10 @@ START_HOLD = 0.5
 LANDING = 1.0
 """Time from the last goal to the rest pose [s]."""
 
+REPLUG_TIME = 10.0
+"""How long a port that was unplugged has to come back [s]."""
+
+_REPLUG_LOOK = 0.1  # s: between two attempts to open it
 _REQUEST = "request to stop"
 _LOOKS = 5  # observations taken to see every joint before torque goes on, and every torque off at the end
 
@@ -56,6 +60,8 @@ def run(
     on_tick: Callable[[Tick], None] | None = None,
     on_event: Callable[[str, str], None] | None = None,
     stop: StopRequest | None = None,
+    powered: bool = True,
+    reconnect: Callable[[], bool] | None = None,
 ) -> RunResult:
     """Run a controller on a lamp.
 
@@ -72,6 +78,10 @@ def run(
         on_tick: Called with every tick after its goals were sent (log, display).
         on_event: Called with "info", "warning" or "error" and a line of text: phases, new faults, the end.
         stop: Watched for requests to stop.
+        powered: False: torque is never turned on and the goals go nowhere (the backend's affair); the rest is the same.
+        reconnect: Called every 0.1 s for up to REPLUG_TIME after the servos fell silent altogether (a port unplugged);
+            once it returns True the run goes on: goal := present, torque on, softly back to the last goal. None: the
+            run ends then, and the servos' watchdogs hold the lamp.
 
     Returns:
         How it went.
@@ -82,7 +92,7 @@ def run(
         BusError: The lamp's pose cannot be read, or its torque cannot be turned on.
     """
     check_period(period, lamp)
-    loop = _Loop(backend, lamp, period, on_tick, on_event, stop or StopRequest())
+    loop = _Loop(backend, lamp, period, on_tick, on_event, stop or StopRequest(), powered, reconnect)
     try:
         if loop.begin():
             loop.start()
@@ -138,6 +148,8 @@ class _Loop:
         on_tick: Callable[[Tick], None] | None,
         on_event: Callable[[str, str], None] | None,
         stop: StopRequest,
+        powered: bool,
+        reconnect: Callable[[], bool] | None,
     ) -> None:
         self._backend = backend
         self._clock = backend.clock
@@ -146,7 +158,10 @@ class _Loop:
         self._on_tick = on_tick
         self._on_event = on_event
         self._stop = stop
-        self._guard = Guard(lamp)
+        self._guard = Guard(lamp, powered=powered)
+        self._watching = not powered
+        self._reconnect = reconnect
+        self._paused = 0.0  # time of the run phase in which the controller did not drive [s]
         self._result = RunResult()
         self._goal = np.zeros(len(lamp.joints))
         self._slot = 0
@@ -173,10 +188,8 @@ class _Loop:
         if self._stop.requests:
             self._finish("stopped", _REQUEST)
             return False
-        self._powered = True
-        self._backend.torque(True)
+        self._power()
         self._origin = self._clock.now()
-        self._say("info", "torque on")
         return True
 
     def start(self) -> None:
@@ -192,8 +205,8 @@ class _Loop:
         while True:
             moment = self._next()
             if begun is None:
-                begun = moment.scheduled
-            time = moment.scheduled - begun
+                begun = moment.scheduled - self._paused
+            time = moment.scheduled - begun - self._paused
             if self._ended or time > duration - self._period / 2:
                 self._close("landing", moment, self._goal)
                 return
@@ -231,7 +244,8 @@ class _Loop:
                 self._guard.faults[f"{name}: torque {'still' if state > 0 else 'perhaps still'} on at the end"] += 1
         self._holding = tuple(holding)
         if holding:
-            self._say("error", f"torque may still be on: {', '.join(holding)}; switch the supply off")
+            names = ", ".join(holding)
+            self._say("error", f"torque may still be on: {names}; switch the supply off, or `robolamp stop`")
 
     def end(self) -> RunResult:
         """Return how it went; a run after which torque may still be on did not end well."""
@@ -255,6 +269,47 @@ class _Loop:
                     f"than the {most:.2f} rad that its slew limit allows a tick; put the lamp upright by hand",
                     str(self._lamp.path),
                 )
+
+    def _power(self) -> None:
+        if self._watching:
+            self._say("info", "watching, torque stays off")
+            return
+        self._powered = True
+        self._backend.torque(True)
+        self._say("info", "torque on")
+
+    def _resume(self, reason: str, target: Array) -> None:
+        """Wait for servos that fell silent altogether, and bring the lamp softly to where it was to be.
+
+        Args:
+            reason: Why it is asked.
+            target: Goal from which the phase goes on, shape (n,) [rad].
+
+        Raises:
+            _Cut: They did not come back in time, or a stop was asked for meanwhile.
+        """
+        if self._reconnect is None or self._ended or self._stop.requests:
+            raise _Cut(reason)
+        lost = self._clock.now()
+        self._say("error", f"{reason}; waiting up to {REPLUG_TIME:g} s for it to come back")
+        while not self._reconnect():
+            if self._clock.now() - lost > REPLUG_TIME or self._stop.requests:
+                raise _Cut(reason)
+            self._clock.sleep_until(self._clock.now() + _REPLUG_LOOK)
+        angle = self._backend.observe().angle
+        if not np.isfinite(angle).all():
+            raise _Cut(f"{reason}; it came back without an angle")
+        self._goal = np.clip(angle, self._lamp.lower, self._lamp.upper)
+        try:
+            self._check_first(angle)
+            self._power()
+        except RobolampError as error:
+            raise _Cut(f"{reason}; it came back, but {error.message}") from None
+        self._result.replugs += 1
+        self._origin, self._slot = self._clock.now(), 0
+        self._say("warning", f"back after {self._clock.now() - lost:.1f} s; going softly to where it was")
+        self._move("start", target, START_MOVE, START_MOVE)
+        self._paused += self._clock.now() - lost
 
     @property
     def _ended(self) -> bool:
@@ -291,7 +346,8 @@ class _Loop:
         verdict = self._guard.check(observation)
         self._announce()
         if verdict == Verdict.CUT:
-            raise _Cut(self._guard.reason)
+            self._resume(self._guard.reason, self._goal)
+            return self._next()
         if self._stop.requests > 1:
             raise _Cut("second request to stop")
         if not self._ended and verdict == Verdict.LAND:
@@ -312,6 +368,9 @@ class _Loop:
         """Send the goals and hand the tick out."""
         try:
             self._backend.command(Command(goal))
+        except BusError as error:
+            self._resume(str(error), goal)
+            return
         except RobolampError as error:
             raise _Cut(str(error)) from None
         self._goal = goal

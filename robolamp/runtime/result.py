@@ -20,6 +20,7 @@ class RunResult:
         held_ticks: Ticks of the run that held the last goal because an angle was missing.
         hops: Hops counted from the foot sensor.
         interventions: Totals of the envelope.
+        replugs: How often the run went on after the servos' port had gone and come back.
         faults: How many ticks showed each fault, by its text.
     """
 
@@ -30,4 +31,5 @@ class RunResult:
     held_ticks: int = 0
     hops: int = 0
     interventions: Interventions = field(default_factory=Interventions)
+    replugs: int = 0
     faults: dict[str, int] = field(default_factory=dict)

@@ -148,7 +148,7 @@ def test_in_a_terminal_it_draws_what_happens(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("dry-run", "nosuch", "--goal", "0.3"), "one of: cycle, hop"),
+        (("dry-run", "nosuch", "--goal", "0.3"), "one of: cycle, cycle-sighted, hop"),
         (("dry-run", "hop", "--goal", "far"), "--goal: 'far' is not a length"),
         (("dry-run", "hop", "--goal", "-0.3"), "is not a length"),
         (("dry-run", "hop", "--goal", "0.3", "--reality", "nosuch"), "no such reality"),
@@ -194,3 +194,20 @@ def test_a_time_to_take_reaches_the_controller_and_the_log(tmp_path: Path) -> No
     seen = run.inputs[run.phase == "run", run.terminals.index("goal_time")]
     assert (seen == 1.5).all()
     assert run.goal[run.phase == "run"][:, 0] == pytest.approx(0.15)
+
+
+def test_in_lockstep_it_repeats_and_faults_are_logged(tmp_path: Path) -> None:
+    script = (
+        'name = "x"\nseed = 4\n[status]\ndropped = 0.01\n[[event]]\nwhat = "silent"\nat = 4\nlasts = 0.02\nservo = 1\n'
+    )
+    (tmp_path / "faults.toml").write_text(script)
+    said = []
+    for folder in ("one", "two"):
+        words = ("--goal", "20cm", "--lockstep", "--faults", "faults.toml", "-o", folder, "--json")
+        done = robolamp("dry-run", "hop", *words, cwd=tmp_path)
+        facts = json.loads(done.stdout)
+        assert (tmp_path / folder / "injections.jsonl").read_text().count("dropped") > 3
+        said.append({key: facts[key] for key in ("landed_m", "hops", "ticks", "faults", "interventions", "ended")})
+    assert said[0] == said[1]
+    assert (tmp_path / "one/injections.jsonl").read_text() == (tmp_path / "two/injections.jsonl").read_text()
+    assert any("ankle" in fault for fault in said[0]["faults"])

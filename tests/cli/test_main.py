@@ -41,7 +41,20 @@ def call(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, 
     return int(ended.value.code or 0), out, err
 
 
-VERBS = ("dry-run", "deploy", "emulate", "evolve", "explain", "score", "study", "compare", "render")
+VERBS = (
+    "dry-run",
+    "deploy",
+    "stop",
+    "monitor",
+    "setup",
+    "emulate",
+    "evolve",
+    "explain",
+    "score",
+    "study",
+    "compare",
+    "render",
+)
 
 
 def test_help_names_every_verb_and_loads_nothing_heavy() -> None:
@@ -123,7 +136,7 @@ def test_a_run_from_the_command_line(capsys: pytest.CaptureFixture[str], tmp_pat
     assert len((tmp_path / "run" / "progress.jsonl").read_text().splitlines()) == 2
     code, out, err = call(capsys, *words)
     assert (code, out) == (2, "")
-    assert err.startswith(f"robolamp: {tmp_path / 'run'}: holds a run already")
+    assert err.startswith(f"robolamp: {tmp_path / 'run'}: holds a run")
     code, _, err = call(capsys, "score", said["controller"], "--goals", "0.3", "--duration", "1")
     assert (code, err) == (0, "")
 

@@ -44,11 +44,34 @@ class Servo:
         self.stuck: set[int] = set()  # addresses that take a write and keep their value
         for register in self.model.registers.values():
             self[register.name] = register.initial or 0
+        self.indirect = True  # whether it has indirect registers
+        self.late: bytes | None = None  # data of an answer that comes first: one that was given up
+        self.boot()
         self[Name.MODEL_NUMBER] = self.model.number
         self[Name.FIRMWARE_VERSION] = 52
+        self[Name.RETURN_DELAY_TIME] = 0
         self[Name.PRESENT_POSITION] = 2048
         self[Name.PRESENT_INPUT_VOLTAGE] = 50
         self[Name.PRESENT_TEMPERATURE] = 31
+
+    def boot(self) -> None:
+        """What a reboot does to RAM that matters here: torque off, indirect addresses and data as from the factory."""
+        self[Name.TORQUE_ENABLE] = 0
+        for block in self.model.indirect:
+            for index in range(block.count):
+                at = block.address + 2 * index
+                self.memory[at : at + 2] = (block.data + index).to_bytes(2, "little")
+                self.memory[block.data + index] = 0
+
+    def read(self, address: int, length: int) -> bytes:
+        return bytes(self._byte(at) for at in range(address, address + length))
+
+    def _byte(self, address: int) -> int:
+        for block in self.model.indirect if self.indirect else ():
+            if block.data <= address < block.data + block.count:
+                at = block.address + 2 * (address - block.data)
+                return self.memory[int.from_bytes(self.memory[at : at + 2], "little")]
+        return self.memory[address]
 
     def __setitem__(self, name: Name, value: int) -> None:
         register = self.model[name]
@@ -130,6 +153,11 @@ class Responder:
         elif instruction == 0x82:
             for servo in parameters[4:]:
                 self._answer(servo, instruction, 0, address, length)
+        elif instruction == 0x8A:
+            self._fast(parameters[4:], address, length)
+        elif instruction == 0x08 and target in self.servos:
+            self._reply(target, instruction, 0, b"")
+            self.servos[target].boot()
         elif instruction == 0x01:
             memory = self.servos[target].memory if target in self.servos else b""
             self._reply(target, instruction, 0, bytes(memory[0:2]) + bytes(memory[6:7]))
@@ -145,13 +173,30 @@ class Responder:
         return servo.refuse.get(address, 0)
 
     def _answer(self, servo: int, instruction: int, error: int, address: int, length: int) -> None:
-        if servo in self.servos and address not in self.servos[servo].deaf_blocks:
-            self._reply(servo, instruction, error, bytes(self.servos[servo].memory[address : address + length]))
+        if servo in self.servos and not self.servos[servo].deaf_blocks & {*range(address, address + length)}:
+            self._reply(servo, instruction, error, self.servos[servo].read(address, length))
+
+    def _fast(self, ids: bytes, address: int, length: int) -> None:
+        """One packet of all servos, up to the first that is silent or does not know the instruction."""
+        raw = b"\xff\xff\xfd\x00\xfe" + (1 + len(ids) * (4 + length)).to_bytes(2, "little") + b"\x55"
+        for servo in ids:
+            state = self.servos.get(servo)
+            if state is None or state.silent or 0x8A in state.deaf_to:
+                break
+            raw += bytes([state.error, servo]) + state.read(address, length)
+            raw += crc(raw).to_bytes(2, "little")
+            if state.damage:
+                raw = raw[:-4] + bytes([raw[-4] ^ state.damage]) + raw[-3:]
+        if len(raw) > 8:
+            os.write(self._master, self.noise + raw)
 
     def _reply(self, servo: int, instruction: int, error: int, data: bytes) -> None:
         state = self.servos.get(servo)
         if state is None or state.silent or instruction in state.deaf_to:
             return
+        if state.late is not None and instruction == 0x82:
+            os.write(self._master, packet(servo, bytes([0x55, 0]) + state.late))
+            state.late = None
         raw = bytearray(packet(servo, bytes([0x55, error | state.error]) + data))
         raw[-3] ^= state.damage
         os.write(self._master, self.noise + bytes(raw))

@@ -7,14 +7,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from dynamixel_sdk import Protocol2PacketHandler
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robolamp.dynamixel.bus import ATTEMPTS, Bus, Identity
+from robolamp.dynamixel.fast import FastReply
 from robolamp.dynamixel.registers import MODELS, Name
 from robolamp.errors import BusError
 
-from .responder import Responder
+from .responder import Responder, crc
 
 MODEL = MODELS["XL330-M288-T"]
 PATIENCE = 0.05  # a test machine may be busy
@@ -107,10 +109,72 @@ def test_stuffed_answers_are_unstuffed(line: Responder, bus: Bus) -> None:
     assert bus.sync_read([1, 2], 132, 4)[1].data == b"\xff\xff\xfd\x00"
 
 
-def test_what_the_sdk_would_send_unstuffed_is_refused(line: Responder, bus: Bus) -> None:
-    with pytest.raises(BusError, match="FF FF FD"):
-        bus.write(1, MODEL[Name.HOMING_OFFSET], -131_073)
-    assert line.heard == []
+def test_bytes_that_look_like_a_header_are_stuffed(line: Responder, bus: Bus) -> None:
+    """The SDK's own txPacket (4.1.0) sends this one unstuffed, and servos drop it."""
+    bus.write(1, MODEL[Name.HOMING_OFFSET], -131_073)
+    assert line.heard == [(1, 0x03, b"\x14\x00\xff\xff\xfd\xfd\xff")]
+    line.heard.clear()
+    bus.sync_write(MODEL[Name.GOAL_POSITION], {1: -131_073, 2: 5})
+    assert bus.ping(1) is not None
+    assert line.heard[0][2].startswith(b"\x74\x00\x04\x00\x01\xff\xff\xfd\xfd\xff\x02\x05")
+
+
+def test_fast_sync_read_keeps_the_error_byte(line: Responder, bus: Bus) -> None:
+    line.servos[2].error = 0x80
+    found = bus.fast_sync_read([1, 2, 3], 132, 4)
+    assert [found[i].error for i in (1, 2, 3)] == [0, 0x80, 0]
+    assert found[3].data == (2048).to_bytes(4, "little")
+    assert line.heard[-1] == (0xFE, 0x8A, bytes([0x84, 0, 4, 0, 1, 2, 3]))
+
+
+def test_a_fast_answer_ends_at_the_silent_or_damaged_servo(line: Responder, bus: Bus) -> None:
+    line.servos[2].silent = True
+    assert bus.fast_sync_read([1, 2, 3], 132, 4).keys() == {1}
+    line.servos[2].silent, line.servos[2].damage = False, 0x01
+    assert bus.fast_sync_read([1, 2, 3], 132, 4).keys() == {1}
+    assert bus.fast_sync_read([1, 3, 2], 132, 4).keys() == {1, 3}
+
+
+def test_noise_before_a_fast_answer_is_skipped(line: Responder, bus: Bus) -> None:
+    line.noise = b"\xff\xff\xfd\x00\xfe\x01"
+    assert bus.fast_sync_read([1, 2, 3], 132, 4).keys() == {1, 2, 3}
+
+
+def test_an_answer_that_comes_too_late_is_thrown_away(line: Responder, bus: Bus) -> None:
+    line.servos[1].late = bytes(23)
+    line.servos[1].memory[124:148] = bytes(range(24))
+    assert bus.sync_read([1], 124, 24)[1].data == bytes(range(24))
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.binary(max_size=60), st.lists(st.binary(min_size=6, max_size=6), min_size=1, max_size=4), st.integers(1, 40))
+def test_a_fast_answer_is_read_however_it_is_cut(noise: bytes, blocks: list[bytes], cut: int) -> None:
+    ids = list(range(10, 10 + len(blocks)))
+    raw = b"\xff\xff\xfd\x00\xfe" + (1 + len(ids) * 10).to_bytes(2, "little") + b"\x55"
+    for servo, data in zip(ids, blocks, strict=True):
+        raw += bytes([0, servo]) + data
+        raw += crc(raw).to_bytes(2, "little")
+    reply = FastReply(ids, 6, Protocol2PacketHandler().updateCRC)
+    stream = noise + raw
+    for start in range(0, len(stream), cut):
+        reply.feed(stream[start : start + cut])
+    assert reply.complete
+    if b"\xff\xff\xfd" not in noise:
+        assert [reply.found[servo].data for servo in ids] == blocks
+
+
+@settings(deadline=None, max_examples=300)
+@given(st.binary(max_size=80), st.integers(0, 37), st.integers(1, 255))
+def test_a_damaged_fast_answer_gives_only_what_is_right(tail: bytes, at: int, flip: int) -> None:
+    raw = b"\xff\xff\xfd\x00\xfe" + (31).to_bytes(2, "little") + b"\x55"
+    for servo in (1, 2, 3):
+        raw += bytes([0, servo]) + bytes([servo] * 6)
+        raw += crc(raw).to_bytes(2, "little")
+    reply = FastReply([1, 2, 3], 6, Protocol2PacketHandler().updateCRC)
+    reply.feed(raw[:at] + bytes([raw[at] ^ flip]) + raw[at + 1 :] + tail)
+    good = max(0, (at - 8) // 10)
+    assert list(reply.found) == [1, 2, 3][:good]
+    assert all(status.data == bytes([servo] * 6) for servo, status in reply.found.items())
 
 
 def test_an_instruction_damaged_on_its_way_is_sent_again(line: Responder, bus: Bus) -> None:

@@ -38,6 +38,23 @@ def test_agrees_with_the_makers_own_table(model: Model) -> None:
     assert ours.keys() - plain.keys() == {"Startup Configuration", "Backup Ready"}  # in the e-manual only
     assert (model.indirect[0].address, 2) == theirs["Indirect Address 1"]
     assert (model.indirect[0].data, 1) == theirs["Indirect Data 1"]
+    if len(model.indirect) > 1:
+        assert (model.indirect[1].address, 2) == theirs["Indirect Address Read"]
+        assert (model.indirect[1].data, 1) == theirs["Indirect Data Read"]
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+def test_units_and_signs_agree_with_the_makers(model: Model) -> None:
+    text = (files("dynamixel_easy_sdk") / "control_table" / f"{SDK_FILES[model.name]}.model").read_text()
+    rows = csv.reader(text.split("[unit info]")[1].split("[control table]")[0].strip().splitlines()[1:], delimiter="\t")
+    checked = 0
+    for name, value, unit, sign in rows:
+        register = model[Name(name)]
+        assert register.signed == (sign == "signed"), name
+        if unit == "rad/s":
+            assert register.scale == pytest.approx(float(value), rel=1e-3), name
+            checked += 1
+    assert checked >= 2
 
 
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)

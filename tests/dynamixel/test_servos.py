@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import dataclasses
+import itertools
 import math
 import time
 from collections.abc import Iterator
@@ -8,8 +10,8 @@ import numpy as np
 import pytest
 
 from robolamp.dynamixel.bus import Bus
-from robolamp.dynamixel.registers import MODELS, RAD_PER_COUNT, VELOCITY_UNIT, Name
-from robolamp.dynamixel.servos import CONDITION, STATE, Servos, tick_wire_time
+from robolamp.dynamixel.registers import MODELS, RAD_PER_COUNT, VELOCITY_UNIT, IndirectBlock, Name
+from robolamp.dynamixel.servos import CONDITION, STATE, Servos, Transport, tick_wire_time
 from robolamp.errors import BusError, SafetyError
 
 from .responder import Responder
@@ -155,3 +157,97 @@ def test_tripped_watchdogs(line: Responder, servos: Servos) -> None:
     assert servos.watchdog_tripped() == ()
     line.servos[2][Name.BUS_WATCHDOG] = -1
     assert servos.watchdog_tripped() == (1,)
+
+
+def set_apart(line: Responder) -> None:
+    for number, servo in line.servos.items():
+        servo[Name.PRESENT_POSITION] = 1000 + number
+        servo[Name.PRESENT_VELOCITY] = -number
+        servo[Name.PRESENT_PWM] = -10 * number
+
+
+@pytest.mark.parametrize("model", ["XL330-M288-T", "XL430-W250-T"])
+@pytest.mark.parametrize(("firmware", "way", "instruction"), [(52, Transport.FAST, 0x8A), (44, Transport.BLOCK, 0x82)])
+def test_a_tick_is_one_transaction(model: str, firmware: int, way: Transport, instruction: int) -> None:
+    with Responder(model=model) as line:
+        set_apart(line)
+        if firmware == 44 and model == "XL330-M288-T":
+            for servo in line.servos.values():
+                servo.model = dataclasses.replace(servo.model, indirect=(IndirectBlock(168, 224, 20, 64, 227),))
+                servo.boot()
+        bus, servos = on(line, model)
+        before = servos.read()
+        assert servos.prepare([firmware] * 3) is way
+        line.heard.clear()
+        after = servos.read()
+        bus.close()
+    assert [heard for _, heard, _ in line.heard] == [instruction]
+    for name, values in vars(before).items():
+        np.testing.assert_array_equal(getattr(after, name), values, err_msg=name)
+
+
+def test_servos_without_indirect_registers_are_read_directly(line: Responder, servos: Servos) -> None:
+    for servo in line.servos.values():
+        servo.indirect = False
+    assert servos.prepare([52] * 3) is Transport.DIRECT
+    assert servos.read().position == pytest.approx([math.pi] * 3)
+
+
+def test_servos_that_refuse_the_map_are_read_directly(line: Responder, servos: Servos) -> None:
+    line.servos[2].refuse[168] = 7
+    assert servos.prepare([52] * 3) is Transport.DIRECT
+    assert servos.read().position == pytest.approx([math.pi] * 3)
+
+
+def test_servos_deaf_to_fast_sync_read_are_read_by_sync_read(line: Responder, servos: Servos) -> None:
+    line.servos[1].deaf_to.add(0x8A)
+    assert servos.prepare([52] * 3) is Transport.BLOCK
+
+
+def test_a_servo_that_rebooted_says_so_and_its_empty_block_is_not_believed(line: Responder, servos: Servos) -> None:
+    servos.prepare([52] * 3)
+    servos.torque_on(GAINS, 0.2)
+    assert servos.read().torque.tolist() == [1, 1, 1]
+    line.servos[2].boot()
+    for _ in range(3):
+        state = servos.read()
+        assert state.position == pytest.approx([math.pi] * 3)
+        assert state.torque.tolist() == [1, 0, 1]
+    assert servos.prepare([52] * 3) is Transport.FAST
+
+
+@pytest.mark.parametrize("absent", [1, 2, 3])
+def test_a_servo_that_falls_silent_costs_its_own_data_only(line: Responder, servos: Servos, absent: int) -> None:
+    servos.prepare([52] * 3)
+    line.servos[absent].silent = True
+    line.heard.clear()
+    for _ in range(3):
+        state = servos.read()
+        assert np.isnan(state.position).tolist() == [i == absent for i in (1, 2, 3)]
+        assert (state.torque[absent - 1], state.error[absent - 1]) == (-1, -1)
+    others = bytes(i for i in (1, 2, 3) if i != absent)
+    assert [(heard, p[4:]) for _, heard, p in line.heard[-1:]] == [(0x8A, others + bytes([absent]))]
+    line.servos[absent].silent = False
+    assert np.isfinite(servos.read().position).all()
+
+
+def test_an_alert_comes_with_the_data(line: Responder, servos: Servos) -> None:
+    servos.prepare([52] * 3)
+    line.servos[3].error = 0x80
+    line.servos[3][Name.HARDWARE_ERROR_STATUS] = 0x20
+    state = servos.read()
+    assert state.error.tolist() == [0, 0, 0x80]
+    assert state.hardware_error.tolist() == [0, 0, 0x20]
+    assert np.isfinite(state.position).all()
+
+
+def test_readings_in_a_row_have_different_lengths(line: Responder, servos: Servos) -> None:
+    """An answer to one that was given up is told from the next one's by its length."""
+    for prepared in (False, True):
+        if prepared:
+            servos.prepare([52] * 3)
+        line.heard.clear()
+        for _ in range(4):
+            servos.read()
+        blocks = [p[:4] for _, _, p in line.heard if p[0] != 64]
+        assert all(a != b for a, b in itertools.pairwise(blocks))

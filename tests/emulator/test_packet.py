@@ -16,6 +16,26 @@ BODIES = st.one_of(st.binary(max_size=40), st.lists(st.sampled_from([0xFF, 0xFD,
     [
         ("FF FF FD 00 01 03 00 01 19 4E", 1, 0x01, ""),
         ("FF FF FD 00 FE 09 00 82 84 00 04 00 01 02 CE FA", 0xFE, 0x82, "84 00 04 00 01 02"),
+        ("FF FF FD 00 FE 03 00 01 31 42", 0xFE, 0x01, ""),
+        ("FF FF FD 00 01 07 00 02 84 00 04 00 1D 15", 1, 0x02, "84 00 04 00"),
+        ("FF FF FD 00 01 09 00 03 74 00 00 02 00 00 CA 89", 1, 0x03, "74 00 00 02 00 00"),
+        ("FF FF FD 00 01 09 00 04 68 00 C8 00 00 00 AE 8E", 1, 0x04, "68 00 C8 00 00 00"),
+        ("FF FF FD 00 01 03 00 05 02 CE", 1, 0x05, ""),
+        ("FF FF FD 00 01 04 00 06 01 A1 E6", 1, 0x06, "01"),
+        ("FF FF FD 00 01 03 00 08 2F 4E", 1, 0x08, ""),
+        ("FF FF FD 00 01 08 00 10 01 44 58 4C 22 B1 DC", 1, 0x10, "01 44 58 4C 22"),
+        (
+            "FF FF FD 00 FE 11 00 83 74 00 04 00 01 96 00 00 00 02 AA 00 00 00 82 87",
+            0xFE,
+            0x83,
+            "74 00 04 00 01 96 00 00 00 02 AA 00 00 00",
+        ),
+        (
+            "FF FF FD 00 FE 0D 00 92 01 90 00 02 00 02 92 00 01 00 1A 05",
+            0xFE,
+            0x92,
+            "01 90 00 02 00 02 92 00 01 00",
+        ),
         ("FF FF FD 00 FE 0A 00 8A 84 00 04 00 03 07 04 20 F2", 0xFE, 0x8A, "84 00 04 00 03 07 04"),
     ],
 )
@@ -29,10 +49,20 @@ def test_packets_printed_in_the_e_manual(raw: str, id: int, code: int, parameter
     )
 
 
-def test_status_packet_printed_in_the_e_manual() -> None:
-    # Ping's example answer: id 1, model number 1030, firmware 38.
-    expected = bytes.fromhex("FF FF FD 00 01 07 00 55 00 06 04 26 65 5D")
-    assert status(1, 0, bytes([0x06, 0x04, 0x26])) == expected
+@pytest.mark.parametrize(
+    ("raw", "id", "parameters"),
+    [
+        ("FF FF FD 00 01 07 00 55 00 06 04 26 65 5D", 1, "06 04 26"),  # ping
+        ("FF FF FD 00 02 07 00 55 00 06 04 26 6F 6D", 2, "06 04 26"),
+        ("FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0", 1, "A6 00 00 00"),  # read
+        ("FF FF FD 00 02 08 00 55 00 1F 08 00 00 BA BE", 2, "1F 08 00 00"),  # sync read
+        ("FF FF FD 00 01 06 00 55 00 77 00 C3 69", 1, "77 00"),  # bulk read
+        ("FF FF FD 00 02 05 00 55 00 24 8B A9", 2, "24"),
+        ("FF FF FD 00 01 04 00 55 00 A1 0C", 1, ""),  # write, reg write, action, factory reset, reboot, clear
+    ],
+)
+def test_status_packets_printed_in_the_e_manual(raw: str, id: int, parameters: str) -> None:
+    assert status(id, 0, bytes.fromhex(parameters)) == bytes.fromhex(raw)
 
 
 @given(st.binary(max_size=200))

@@ -227,7 +227,7 @@ def test_it_says_what_it_emulates() -> None:
     process = subprocess.Popen(COMMAND, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
-        lines = [process.stdout.readline() for _ in range(8)]
+        lines = [process.stdout.readline() for _ in range(6)]
         process.send_signal(signal.SIGINT)
         assert process.wait(timeout=10) == 0
     finally:
@@ -236,4 +236,4 @@ def test_it_says_what_it_emulates() -> None:
     text = "".join(lines)
     assert "/dev/pts/" in text
     assert "knee = XL330-M288-T id 2" in text
-    assert "not yet" in text
+    assert "not modelled" in text

@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from robolamp.assets import Assets
+from robolamp.calibration import load_calibration
+from robolamp.emulator.lamp import EmulatedLamp
 from robolamp.emulator.reality import FOLDER, Reality, load_reality
 from robolamp.errors import FileError
+from robolamp.foot.protocol import Decoder
 from robolamp.lamp import load_lamp
+
+from .parts import write
 
 ASSETS = Assets()
 LAMP = load_lamp(ASSETS)
@@ -64,3 +69,36 @@ def test_a_bad_file_is_refused_in_one_line(tmp_path: Path, text: str, says: str)
 def test_an_unknown_name_lists_the_known_ones() -> None:
     with pytest.raises(FileError, match=r"no such reality.*worn"):
         load_reality("wrong", LAMP, ASSETS)
+
+
+def test_a_weak_supply_sags_under_load_and_drains(tmp_path: Path) -> None:
+    def lowest(text: str) -> float:
+        world = EmulatedLamp(LAMP, load_calibration(ASSETS), ASSETS, load(tmp_path, 'name = "x"\n' + text))
+        for id in (1, 2, 3):
+            world.receive(write(id, 64, 1, 1), 0.0)
+        world.receive(write(3, 116, 1700, 4), 0.1)
+        volts = []
+        world.watch(lambda lamp: volts.append(lamp.plant.voltage))
+        world.advance_to(0.6)
+        return min(volts)
+
+    full = lowest("")
+    assert 0.02 < full - lowest("[supply]\nresistance = 0.3\n") < 1.0
+    assert full - lowest("[supply]\ndrain = 0.1\n") == pytest.approx(0.06, abs=0.002)
+
+
+def test_a_foot_is_off_and_drifts(tmp_path: Path) -> None:
+    def newest(text: str) -> float:
+        world = EmulatedLamp(LAMP, load_calibration(ASSETS), ASSETS, load(tmp_path, 'name = "x"\n' + text))
+        world.advance_to(1.0)
+        return Decoder().feed(world.frames(1.0))[-1].force
+
+    assert newest("[foot]\noffset = 0.5\n") == pytest.approx(newest("") + 0.5, abs=0.002)
+    assert newest("[foot]\ndrift = -0.2\n") == pytest.approx(newest("") - 0.2, abs=0.002)
+
+
+def test_a_slow_line_answers_late(tmp_path: Path) -> None:
+    bent = load(tmp_path, 'name = "x"\n[line]\nlatency = 0.004\n')
+    world = EmulatedLamp(LAMP, load_calibration(ASSETS), ASSETS, bent)
+    (reply,) = world.receive(write(1, 65, 1, 1), 1.0)
+    assert reply.due == pytest.approx(1.004 + (13 + 11) * 1e-5)

@@ -4,17 +4,19 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 from dynamixel.responder import Responder
 
 from robolamp.assets import Assets
-from robolamp.dynamixel.registers import Name
+from robolamp.dynamixel.registers import MODELS, Name
 from robolamp.errors import BusError, RobolampError, SafetyError
 from robolamp.foot.protocol import Frame, encode
 from robolamp.lamp import Lamp, load_lamp
 from robolamp.robot import lamp as robot
+from robolamp.robot import preflight
 from robolamp.robot.lamp import RobotLamp
 from robolamp.runtime.clock import MonotonicClock
 from robolamp.signals import Command
@@ -28,6 +30,7 @@ class Foot:
     def __init__(self) -> None:
         self.sequence = 0
         self.alive = True
+        self.force = 2.06
         self.disconnected = False
         self.saturated = False
         self.gone = False
@@ -38,7 +41,7 @@ class Foot:
         if not self.alive:
             return b""
         self.sequence += 1
-        return encode(Frame(self.sequence, self.sequence * 1000, 2.06, self.saturated, self.disconnected))
+        return encode(Frame(self.sequence, self.sequence * 1000, self.force, self.saturated, self.disconnected))
 
     def close(self) -> None:
         pass
@@ -67,9 +70,118 @@ def ready(line: Responder, foot: Foot) -> Iterator[RobotLamp]:
     backend.close()
 
 
-def test_open_writes_nothing(line: Responder, ready: RobotLamp) -> None:
-    assert {instruction for _, instruction, _ in line.heard} == {0x01, 0x02, 0x82}
+def test_open_writes_the_health_blocks_and_nothing_else(line: Responder, ready: RobotLamp) -> None:
+    assert {instruction for _, instruction, _ in line.heard} == {0x01, 0x02, 0x03, 0x82, 0x8A}
+    assert {int.from_bytes(p[:2], "little") for _, instruction, p in line.heard if instruction == 0x03} == {168}
     assert ready.joints == ("ankle", "knee", "neck")
+
+
+def test_a_tick_is_one_reading_and_one_write(line: Responder, ready: RobotLamp) -> None:
+    ready.torque(True)
+    line.heard.clear()
+    ready.observe()
+    ready.command(Command(np.zeros(3)))
+    ready.observe()
+    assert [instruction for _, instruction, _ in line.heard] == [0x8A, 0x83, 0x8A]
+
+
+def test_an_alert_without_a_reason_is_a_fault(line: Responder, ready: RobotLamp) -> None:
+    line.servos[2].error = 0x80
+    assert ready.observe().faults == ("knee: error byte 0x80",)
+    line.servos[2][Name.HARDWARE_ERROR_STATUS] = 0x20
+    assert ready.observe().faults == ()  # the guards speak of it
+
+
+def test_a_servo_that_reboots_shows_its_torque_off(line: Responder, ready: RobotLamp) -> None:
+    ready.torque(True)
+    line.servos[2].boot()
+    seen = ready.observe()
+    assert seen.health.torque.tolist() == [1, 0, 1]
+    assert seen.angle == pytest.approx(np.zeros(3), abs=1e-6)
+
+
+def test_careful_runs_have_less_duty(line: Responder, foot: Foot) -> None:
+    backend = RobotLamp(LAMP, line.name, foot, MonotonicClock(), patience=0.05, duty=0.4)
+    backend.open()
+    backend.torque(True)
+    assert [line.servos[i][Name.GOAL_PWM] for i in (1, 2, 3)] == [354] * 3
+    backend.close()
+
+
+def test_the_foot_is_tared_and_scaled(line: Responder, foot: Foot) -> None:
+    backend = robot_lamp(line, foot, dataclasses.replace(LAMP, foot_tare=0.06, foot_scale=1.5))
+    backend.open()
+    assert backend.observe().foot_force == pytest.approx(3.0)
+    backend.close()
+
+
+def test_wrong_settings_are_mended_on_demand(line: Responder, foot: Foot) -> None:
+    wrong = {
+        Name.OPERATING_MODE: 16,
+        Name.DRIVE_MODE: 4,
+        Name.RETURN_DELAY_TIME: 250,
+        Name.PWM_LIMIT: 400,
+        Name.SHUTDOWN: 0,
+        Name.TEMPERATURE_LIMIT: 100,
+        Name.MAX_POSITION_LIMIT: 2100,
+    }
+    for name, value in wrong.items():
+        line.servos[2][name] = value
+    with pytest.raises(SafetyError, match=r"Return Delay Time\(9\) is 250, not 0 .*--fix mends") as caught:
+        robot_lamp(line, foot).open()
+    assert all(name in str(caught.value) for name in list(wrong)[:-1])
+    backend = RobotLamp(LAMP, line.name, foot, MonotonicClock(), patience=0.05, fix=True)
+    backend.open()
+    backend.close()
+    assert len(backend.mended) == len(wrong)
+    right = {**{name: MODELS["XL330-M288-T"][name].initial for name in wrong}, Name.RETURN_DELAY_TIME: 0}
+    low, high = line.servos[2][Name.MIN_POSITION_LIMIT], line.servos[2][Name.MAX_POSITION_LIMIT]
+    assert (low, high) == (1529, 2710)  # as hardware/README.md has it for the knee
+    assert {name: line.servos[2][name] for name in wrong if name is not Name.MAX_POSITION_LIMIT} == {
+        name: value for name, value in right.items() if name is not Name.MAX_POSITION_LIMIT
+    }
+
+
+def test_fix_does_not_hide_what_it_cannot_mend(line: Responder, foot: Foot) -> None:
+    line.servos[1][Name.RETURN_DELAY_TIME] = 250
+    line.servos[3][Name.PRESENT_TEMPERATURE] = 60
+    with pytest.raises(SafetyError, match=r"not ready: neck \(id 3\): has 60 degC, more than 55; let it cool$"):
+        RobotLamp(LAMP, line.name, foot, MonotonicClock(), patience=0.05, fix=True).open()
+    assert line.servos[1][Name.RETURN_DELAY_TIME] == 0
+
+
+def test_a_slow_adapter_is_named_and_mended(
+    line: Responder, foot: Foot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(preflight, "SYSFS", tmp_path)
+    timer = tmp_path / Path(line.name).name / "latency_timer"
+    timer.parent.mkdir()
+    timer.write_text("16\n")
+    with pytest.raises(SafetyError, match=r"latency timer is 16 ms, not 1; `echo 1 \| sudo tee .*latency_timer`"):
+        robot_lamp(line, foot).open()
+    backend = RobotLamp(LAMP, line.name, foot, MonotonicClock(), patience=0.05, fix=True)
+    backend.open()
+    backend.close()
+    assert timer.read_text() == "1\n"
+
+
+def test_old_firmware_is_noticed_and_works(line: Responder, foot: Foot) -> None:
+    line.servos[3][Name.FIRMWARE_VERSION] = 45
+    backend = robot_lamp(line, foot)
+    backend.open()
+    assert np.isfinite(backend.observe().angle).all()
+    backend.close()
+    assert len(backend.notices) == 1
+    assert backend.notices[0].startswith("neck (id 3): firmware 45 does not know Fast Sync Read")
+
+
+def test_reconnecting_needs_every_servo(line: Responder, ready: RobotLamp) -> None:
+    assert ready.reconnect()
+    assert np.isfinite(ready.observe().angle).all()
+    line.servos[2].silent = True
+    assert not ready.reconnect()
+    line.servos[2].silent = False
+    assert ready.reconnect()
 
 
 def test_observation_in_joint_terms(line: Responder, ready: RobotLamp) -> None:
@@ -197,18 +309,29 @@ def test_a_silence_that_tripped_nothing_is_forgiven(line: Responder, ready: Robo
     assert 0x02 not in [instruction for _, instruction, _ in line.heard]  # the servos are not asked again
 
 
-def test_an_unknown_condition_is_a_fault_when_it_lasts(line: Responder, ready: RobotLamp) -> None:
+@pytest.fixture
+def direct(line: Responder, foot: Foot) -> Iterator[RobotLamp]:
+    """Servos without health blocks: read in two steps."""
+    for servo in line.servos.values():
+        servo.indirect = False
+    backend = robot_lamp(line, foot)
+    backend.open()
+    yield backend
+    backend.close()
+
+
+def test_an_unknown_condition_is_a_fault_when_it_lasts(line: Responder, direct: RobotLamp) -> None:
     line.servos[2].deaf_blocks.add(64)
-    seen = [ready.observe() for _ in range(6)]
+    seen = [direct.observe() for _ in range(6)]
     assert all(np.isfinite(one.angle).all() for one in seen)
     assert [one.faults for one in seen] == [()] * 4 + [("knee: condition unknown",)] * 2
     line.servos[2].deaf_blocks.clear()
-    assert ready.observe().faults == ()
+    assert direct.observe().faults == ()
 
 
-def test_an_angle_is_as_old_as_its_reading(line: Responder, ready: RobotLamp) -> None:
+def test_an_angle_is_as_old_as_its_reading(line: Responder, direct: RobotLamp) -> None:
     line.servos[2].deaf_blocks.add(64)  # the second block waits for it, after the angles were read
-    assert (ready.observe().angle_age > 0.05).all()
+    assert (direct.observe().angle_age > 0.05).all()
 
 
 def spoil(name: Name, value: int) -> Callable[[Responder, Foot], None]:
@@ -230,6 +353,10 @@ def kill_foot(line: Responder, foot: Foot) -> None:
     foot.alive = False
 
 
+def lift(line: Responder, foot: Foot) -> None:
+    foot.force = 0.1
+
+
 def unplug_cell(line: Responder, foot: Foot) -> None:
     foot.disconnected = True
 
@@ -240,6 +367,7 @@ def unplug_cell(line: Responder, foot: Foot) -> None:
         (silence, BusError, r"knee \(id 2\) does not answer to a ping at 1000000 baud"),
         (deafen, BusError, r"knee \(id 2\) answers to a ping, but not to a sync read"),
         (kill_foot, BusError, r"no foot sensor: nothing came in 0\.5 s"),
+        (lift, SafetyError, r"shows 0\.10 N, a standing lamp 0\.4 to 10 N; .*setup foot"),
         (unplug_cell, SafetyError, "load cell is not connected"),
         (spoil(Name.MODEL_NUMBER, 1190), SafetyError, r"knee \(id 2\) is XL330-M077-T; lamp\.toml says XL330-M288-T"),
         (spoil(Name.MODEL_NUMBER, 77), SafetyError, r"knee \(id 2\) is model number 77"),
@@ -264,7 +392,7 @@ def test_preflight_names_what_is_wrong(
         backend.open()
     assert caught.value.where in {line.name, "Foot"}
     assert "\n" not in str(caught.value)
-    assert 0x03 not in {instruction for _, instruction, _ in line.heard}
+    assert 0x03 not in {instruction for _, instruction, _ in line.heard}  # nothing is written
     backend.close()
 
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import pytest
@@ -91,3 +92,44 @@ def test_the_first_reason_stays() -> None:
     guard.check(observation(change("torque", 0)))
     guard.check(observation(age(0, 1, 2)))
     assert guard.reason == "knee: torque went off"
+
+
+def over(seconds: float, name: str, value: float) -> tuple[Guard, Verdict]:
+    """The most urgent verdict on a knee that shows a value for a time, at 50 Hz."""
+    guard, worst = Guard(LAMP), Verdict.GO
+    for tick in range(round(seconds * 50)):
+        seen = observation()
+        seen.time = tick * 0.02
+        (seen.current if name == "current" else seen.health.pwm)[1] = value
+        worst = max(worst, guard.check(seen))
+    return guard, worst
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("pwm", -1.0, "knee: stalled, duty above 90% over 2 s"),
+        ("current", -1.2, "knee: current above 0.8 A over 2 s"),
+    ],
+)
+def test_load_that_lasts_ends_the_run(name: str, value: float, said: str) -> None:
+    guard, worst = over(0.4, name, value)
+    assert (worst, dict(guard.faults)) == (Verdict.GO, {})  # a hop is shorter
+    guard, worst = over(6.0, name, value)
+    assert (worst, guard.reason) == (Verdict.LAND, said)
+    guard, worst = over(6.0, name, value / 2)
+    assert worst == Verdict.GO
+    guard, worst = over(6.0, name, math.nan)
+    assert worst == Verdict.GO
+
+
+def test_a_warm_servo_is_a_fault_and_goes_on() -> None:
+    guard = Guard(LAMP)
+    assert guard.check(observation(change("temperature", 62.0))) == Verdict.GO
+    assert dict(guard.faults) == {"knee: above 60 degC": 1}
+
+
+def test_torque_off_is_no_fault_where_it_is_meant_to_be() -> None:
+    guard = Guard(LAMP, powered=False)
+    assert guard.check(observation(change("torque", 0))) == Verdict.GO
+    assert not guard.faults

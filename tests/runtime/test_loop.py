@@ -10,10 +10,10 @@ import pytest
 from robolamp.errors import BusError, SafetyError
 from robolamp.robot.lamp import WATCHDOG
 from robolamp.runtime.health import ANGLE_AGE
-from robolamp.runtime.loop import LANDING, START_HOLD, START_MOVE, run, smooth
+from robolamp.runtime.loop import LANDING, REPLUG_TIME, START_HOLD, START_MOVE, run, smooth
 from robolamp.runtime.schedule import MAX_PERIOD
 from robolamp.runtime.stop import StopRequest
-from robolamp.signals import Observation, Tick
+from robolamp.signals import Command, Observation, Tick
 
 from .fake import LAMP, FakeLamp, Wave
 
@@ -229,7 +229,7 @@ def test_torque_that_may_be_on_is_said_on_exceptions_too() -> None:
     lamp, events = FakeLamp(spoil), []
     with pytest.raises(RuntimeError):
         run(lamp, Broken(), LAMP, on_event=lambda *event: events.append(event))
-    assert events[-1] == ("error", "torque may still be on: ankle, knee; switch the supply off")
+    assert events[-1] == ("error", "torque may still be on: ankle, knee; switch the supply off, or `robolamp stop`")
 
 
 def test_one_missed_reading_at_the_end_is_no_alarm() -> None:
@@ -322,7 +322,7 @@ def test_a_servo_that_stays_on_is_a_fault() -> None:
     result = run(FakeLamp(spoil), Wave(), LAMP, duration=0.1, on_event=lambda *event: events.append(event))
     assert result.faults == {"ankle: torque still on at the end": 1}
     assert (result.ended, result.reason) == ("cut", "torque may still be on: ankle")
-    assert ("error", "torque may still be on: ankle; switch the supply off") in events
+    assert ("error", "torque may still be on: ankle; switch the supply off, or `robolamp stop`") in events
     assert not [text for _, text in events if text.startswith("torque off")]
 
 
@@ -370,3 +370,93 @@ def test_minimum_jerk() -> None:
     assert speed.max() == pytest.approx(15 / 8, rel=1e-3)
     assert speed[[0, -1]] == pytest.approx([0, 0], abs=1e-4)
     assert math.isclose(smooth(0.5), 0.5)
+
+
+class Unplugged(FakeLamp):
+    """Its port is gone from one moment of the run to another."""
+
+    def __init__(self, gone: float, back: float) -> None:
+        super().__init__()
+        self.gone, self.back = self.clock.now() + gone, self.clock.now() + back
+        self.looks = 0
+
+    @property
+    def away(self) -> bool:
+        return self.gone <= self.clock.now() < self.back
+
+    def observe(self) -> Observation:
+        seen = super().observe()
+        if self.away:
+            seen.angle[:] = np.nan
+            seen.angle_age[:] = self.clock.now() - self.gone
+            seen.health.torque[:] = -1
+            seen.faults = ("bus: the port is gone",)
+        return seen
+
+    def command(self, command: Command) -> None:
+        if self.away:
+            raise BusError("the port is gone")
+        super().command(command)
+
+    def torque(self, on: bool) -> None:
+        if on and self.torques:
+            self.angle = np.array([-0.4, 0.3, 0.2])  # it sank meanwhile
+        super().torque(on)
+
+    def reconnect(self) -> bool:
+        self.looks += 1
+        if not self.away:
+            self.angle = np.array([-0.4, 0.3, 0.2])
+        return not self.away
+
+
+@pytest.mark.parametrize("gone", [0.5, 2.5, 2.6123])
+def test_a_port_that_comes_back_resumes_softly_if_told_so(gone: float) -> None:
+    lamp, pilot, ticks, events = Unplugged(gone, gone + 3.0), Wave(), [], []
+    result = run(
+        lamp, pilot, LAMP, duration=1.0, on_tick=ticks.append, on_event=lambda *event: events.append(event),
+        reconnect=lamp.reconnect,
+    )  # fmt: skip
+    assert (result.ended, result.replugs) == ("finished", 1)
+    assert lamp.torques == [True, True, False]
+    assert lamp.looks > 10
+    after = next(i for i, tick in enumerate(ticks) if tick.scheduled > lamp.back)
+    assert ticks[after].goal == pytest.approx([-0.4, 0.3, 0.2], abs=1e-3)
+    goals = np.array([tick.goal for tick in ticks[after:]])
+    assert np.abs(np.diff(goals, axis=0)).max() < 0.08  # two ticks of the wave: it goes on from the tick that was lost
+    assert np.diff(pilot.times) == pytest.approx(0.02, abs=0.021)
+    assert pilot.times[-1] < 1.0
+    assert any(level == "error" and "waiting up to 10 s" in text for level, text in events)
+
+
+def test_a_port_that_comes_back_untold_ends_the_run() -> None:
+    lamp = Unplugged(2.5, 3.5)
+    result = run(lamp, Wave(), LAMP, duration=1.0)
+    assert (result.ended, result.replugs) == ("cut", 0)
+    assert lamp.torques == [True, False]
+
+
+def test_a_port_that_stays_away_ends_the_run() -> None:
+    lamp = Unplugged(2.5, 1000.0)
+    result = run(lamp, Wave(), LAMP, duration=1.0, reconnect=lamp.reconnect)
+    assert result.ended == "cut"
+    assert lamp.clock.now() - lamp.gone == pytest.approx(REPLUG_TIME, abs=0.5)
+
+
+def test_a_stop_while_the_port_is_away_ends_the_run() -> None:
+    lamp, stop = Unplugged(2.5, 1000.0), StopRequest()
+
+    def reconnect() -> bool:
+        stop.request()
+        return False
+
+    assert run(lamp, Wave(), LAMP, duration=1.0, reconnect=reconnect, stop=stop).ended == "cut"
+    assert lamp.clock.now() - lamp.gone < 1.0
+
+
+def test_a_run_that_only_watches_never_turns_torque_on() -> None:
+    lamp = FakeLamp()
+    lamp.command = lambda command: None  # type: ignore[method-assign]
+    result = run(lamp, Wave(), LAMP, duration=0.5, powered=False)
+    assert (result.ended, result.faults) == ("finished", {})
+    assert lamp.torques == [False]

@@ -1,0 +1,231 @@
+"""What `robolamp emulate` puts together: a lamp or bare servos, their faults, and what is said of them."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType, TracebackType
+from typing import Any, TextIO
+
+from robolamp.assets import Assets
+from robolamp.calibration import Calibration, load_calibration
+from robolamp.dynamixel.registers import MODELS, Model
+from robolamp.emulator.bare import BareServos
+from robolamp.emulator.emulated import Emulated
+from robolamp.emulator.faults import Faults, load_faults
+from robolamp.emulator.injector import Injection
+from robolamp.emulator.process import REAL_TIME_GAP
+from robolamp.emulator.reality import Reality, load_reality
+from robolamp.emulator.servos_file import load_servos
+from robolamp.errors import FileError
+from robolamp.lamp import Lamp, load_lamp
+
+_FACTORY_ID, _FACTORY_BAUD = 1, 57_600  # ID(7) and Baud Rate(8) as delivered
+
+
+@dataclass(frozen=True)
+class ServoFacts:
+    """What is said of one servo.
+
+    Attributes:
+        name: The joint it drives, or its place in the servos file.
+        id: Its id at the start.
+        model: Its model's name.
+        baud: Its rate at the start [1/s].
+    """
+
+    name: str
+    id: int
+    model: str
+    baud: int
+
+
+@dataclass(frozen=True)
+class Rig:
+    """What is emulated.
+
+    Attributes:
+        world: The lamp or the servos.
+        servos: What is said of them.
+        faults: What goes wrong.
+        plant: What moves, in words.
+        foot: Whether there is a foot sensor.
+        lamp: The lamp with its calibration and reality; None for bare servos.
+    """
+
+    world: Emulated
+    servos: tuple[ServoFacts, ...]
+    faults: Faults
+    plant: str
+    foot: bool
+    lamp: tuple[Lamp, Calibration, Reality] | None = None
+
+    @property
+    def models(self) -> list[Model]:
+        """The servos' models."""
+        return [MODELS[servo.model] for servo in self.servos]
+
+    def lines(self, servo_port: str, foot_port: str | None) -> list[str]:
+        """Return what a person is told when it is ready."""
+        servos = ", ".join(f"{servo.name} = {servo.model} id {servo.id}" for servo in self.servos)
+        bauds = sorted({servo.baud for servo in self.servos})
+        rates = " and ".join(map(str, bauds))
+        foot = [f"foot port   {foot_port}   a frame every 2 ms (hardware/firmware/README.md)"] if foot_port else []
+        return [
+            f"servo port  {servo_port}   protocol 2.0, {rates} baud: {servos}",
+            *foot,
+            f"plant       {self.plant}, in real time",
+            *([f"faults      {self.faults.name}"] if self.faults.rates or self.faults.events else []),
+            "not modelled: two answers at once (they follow one another), gaps of 1.5 ms on a pseudo-terminal,",
+            "            gear play, feedforward gains; docs/emulator.md has the whole list",
+            "Ctrl-C ends it.",
+        ]
+
+
+def lamp_rig(folder: Path | None, calibration: str, reality: str, faults: Path | None, factory: bool) -> Rig:
+    """Return an emulated lamp.
+
+    Args:
+        folder: The lamp's folder; None: the shipped one.
+        calibration: File or name.
+        reality: File or name.
+        faults: Fault script.
+        factory: Whether its servos are new.
+
+    Raises:
+        FileError: One of them is missing or malformed.
+    """
+    from robolamp.emulator.lamp import EmulatedLamp  # mujoco is loaded after the arguments are checked
+
+    assets = Assets.of(folder)
+    lamp = load_lamp(assets)
+    numbers = load_calibration(assets, calibration)
+    bent = load_reality(reality, lamp, assets)
+    script = load_faults(faults, tuple(joint.id for joint in lamp.joints)) if faults else Faults("none")
+    world = EmulatedLamp(lamp, numbers, assets, bent, gap=REAL_TIME_GAP, faults=script, factory=factory)
+    servos = tuple(
+        ServoFacts(
+            joint.name,
+            _FACTORY_ID if factory else joint.id,
+            joint.servo,
+            _FACTORY_BAUD if factory else lamp.bus_baud,
+        )
+        for joint in lamp.joints
+    )
+    plant = f"{lamp.name}: calibration {numbers.name}, reality {bent.name}; standing, held"
+    return Rig(world, servos, script, plant, True, (lamp, numbers, bent))
+
+
+def bare_rig(file: Path, faults: Path | None, factory: bool, eeprom: Path | None) -> Rig:
+    """Return emulated servos without a lamp.
+
+    Args:
+        file: The servos file.
+        faults: Fault script.
+        factory: Whether they are new.
+        eeprom: Folder that keeps their EEPROM.
+
+    Raises:
+        FileError: One of them is missing or malformed.
+    """
+    listed = load_servos(file)
+    script = Faults("none")
+    if faults:
+        script = load_faults(faults, tuple(servo.id for servo in listed.servos), foot=False)
+    world = BareServos(listed.servos, gap=REAL_TIME_GAP, faults=script, factory=factory, store=eeprom)
+    facts = tuple(
+        ServoFacts(
+            f"servo {index + 1}",
+            servo.id,
+            servo.model.name,
+            _FACTORY_BAUD if factory else listed.servos[index].baud,
+        )
+        for index, servo in enumerate(world.servos)
+    )
+    return Rig(world, facts, script, f"{listed.name}: a motor for each servo, its shaft free", False)
+
+
+class InjectionLog:
+    """Writes injections to a file as they happen, a line of JSON each.
+
+    Args:
+        path: The file; None: nowhere.
+
+    Raises:
+        FileError: The file cannot be written.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._stream: TextIO | None = None
+        if path is not None:
+            try:
+                self._stream = path.open("w", encoding="utf-8", buffering=1)
+            except OSError as error:
+                raise FileError(f"cannot be written: {error.strerror or error}", str(path)) from None
+
+    def write(self, injection: Injection) -> None:
+        """Write one.
+
+        Raises:
+            FileError: It cannot be written.
+        """
+        if self._stream is not None:
+            try:
+                self._stream.write(injection.line() + "\n")
+            except OSError as error:
+                raise FileError(f"cannot be written: {error.strerror or error}", str(self._path)) from None
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._stream is not None:
+            self._stream.close()
+
+
+class Hand:
+    """Plugs new servos in, one at a time: at SIGUSR1, or when Enter is pressed.
+
+    As a context manager it takes over SIGUSR1 (main thread only).
+
+    Args:
+        rig: Whose servos.
+        enter: Whether Enter on stdin counts.
+        say: Called with a line for each servo that is plugged in.
+    """
+
+    def __init__(self, rig: Rig, *, enter: bool, say: Callable[[str], None]) -> None:
+        self._rig = rig
+        self._enter = enter
+        self._say = say
+        self._asked = 0
+        self._before: Any = None
+
+    def __enter__(self) -> Hand:
+        self._before = signal.signal(signal.SIGUSR1, self._signalled)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        signal.signal(signal.SIGUSR1, self._before)
+
+    def poll(self) -> None:
+        """Plug in as many as were asked for."""
+        if self._enter and select.select([sys.stdin], [], [], 0.0)[0]:
+            if os.read(sys.stdin.fileno(), 1024):
+                self._asked += 1
+            else:
+                self._enter = False  # stdin was closed
+        while self._asked:
+            self._asked -= 1
+            index = self._rig.world.line.plug_next()
+            servos = self._rig.servos
+            self._say("all servos are plugged in" if index is None else f"plugged in: {servos[index].name}")
+
+    def _signalled(self, number: int, frame: FrameType | None) -> None:
+        self._asked += 1

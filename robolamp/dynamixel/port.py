@@ -1,0 +1,110 @@
+"""The port under the bus: what dynamixel-sdk needs of one, and the SDK's serial port on our clock."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import select
+from collections.abc import Sequence
+from typing import Any, Literal, Protocol
+
+from dynamixel_sdk import PortHandler
+
+from robolamp.signals import Clock
+
+_MOST_BYTES = 1024  # more than all answers to one instruction: a line that babbles must not hold the loop
+_WRITE_TIMEOUT = 0.05  # s: a port that takes no bytes any more
+
+
+class Port(Protocol):
+    """What the SDK's packet handler needs of a port: the SDK's own PortHandler, or an emulated line."""
+
+    is_using: bool
+
+    def openPort(self) -> bool:
+        """Open it."""
+        ...
+
+    def closePort(self) -> None:
+        """Close it."""
+        ...
+
+    def clearPort(self) -> None:
+        """Throw away what was received and not read."""
+        ...
+
+    def readPort(self, length: int) -> bytes:
+        """Return at most that many received bytes."""
+        ...
+
+    def writePort(self, packet: Sequence[int]) -> int:
+        """Send bytes; return how many."""
+        ...
+
+    def setPacketTimeoutMillis(self, msec: float) -> None:
+        """Start waiting for an answer [ms]."""
+        ...
+
+    def isPacketTimeout(self) -> bool:
+        """Whether that time is over."""
+        ...
+
+
+class SerialPort(PortHandler):
+    """The SDK's serial port, on our clock, sleeping while it waits instead of polling.
+
+    Args:
+        path: Device path.
+        baud: Baud rate [1/s].
+        clock: Measures timeouts; the SDK's own use of the wall clock breaks when that is set.
+
+    Attributes:
+        low_latency: Whether its driver was told not to wait for more bytes before it hands over some.
+    """
+
+    ser: Any  # serial.Serial once open
+
+    def __init__(self, path: str, baud: int, clock: Clock) -> None:
+        super().__init__(path)
+        self.baudrate = baud
+        self._clock = clock
+        self._received = 0
+        self.low_latency = False
+
+    def setupPort(self, cflag_baud: int) -> Literal[True]:
+        """Open the device for this program alone, with the shortest latency its driver has."""
+        super().setupPort(cflag_baud)
+        try:
+            self.ser.exclusive = True
+            self.ser.write_timeout = _WRITE_TIMEOUT
+        except Exception:
+            self.closePort()
+            raise
+        with contextlib.suppress(Exception):  # FTDI: latency timer 16 ms -> 1 ms; other drivers do not know it
+            self.ser.set_low_latency_mode(True)
+            self.low_latency = True
+        return True
+
+    def getCurrentTime(self) -> float:
+        """Return the time [ms]."""
+        return self._clock.now() * 1000.0
+
+    def setPacketTimeoutMillis(self, msec: float) -> None:
+        """Start waiting for an answer [ms]."""
+        self._received = 0
+        super().setPacketTimeoutMillis(msec)
+
+    def readPort(self, length: int) -> bytes:
+        """Return received bytes, sleeping until there are some or the packet timeout is over."""
+        if self._received >= _MOST_BYTES:
+            return b""
+        device = self.ser.fileno()
+        left = (self.packet_timeout - self.getTimeSinceStart()) / 1000.0
+        if not select.select([device], [], [], max(left, 0.0))[0]:
+            return b""
+        data = os.read(device, length)
+        if not data:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))  # readable and empty: the device went away
+        self._received += len(data)
+        return data

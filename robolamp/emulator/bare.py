@@ -1,0 +1,129 @@
+"""Servos without a lamp: each turns a motor of its own, with a load on its shaft."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from robolamp.dynamixel.registers import BAUD_CODES, MODELS, RETURN_DELAY_UNIT, Name
+from robolamp.emulator.faults import Faults
+from robolamp.emulator.injector import Injector
+from robolamp.emulator.line import GAP, Line, Reply
+from robolamp.emulator.motor import Motor
+from robolamp.emulator.servo import Sensed, Servo
+from robolamp.emulator.servos_file import BareServo
+from robolamp.emulator.strike import strike
+
+TIMESTEP = 0.001
+"""Physics step [s]."""
+
+ROOM = 25.0
+"""Temperature around the servos [degC]."""
+
+_LEAST_VOLTAGE = 0.1  # a supply that sags keeps this much [V]
+
+
+class BareServos:
+    """Servos that answer bytes, in a time that is given to them.
+
+    Args:
+        descriptions: The servos.
+        gap: Silence inside a packet that ends it [s].
+        faults: What goes wrong; None: nothing.
+        factory: The servos are new (id 1, 57,600 baud, Return Delay Time 250) and only the first is plugged in.
+        store: Folder that keeps each servo's EEPROM, as servo-1.toml for the first; None: it is not kept.
+
+    Attributes:
+        servos: The servos, in the order of the descriptions.
+        motors: What they turn.
+        line: What connects them.
+        injector: What lets things go wrong.
+    """
+
+    def __init__(
+        self,
+        descriptions: Sequence[BareServo],
+        *,
+        gap: float = GAP,
+        faults: Faults | None = None,
+        factory: bool = False,
+        store: Path | None = None,
+    ) -> None:
+        self._steps = 0
+        self._supply = [servo.voltage for servo in descriptions]
+        self.motors = [Motor(MODELS[servo.model], angle=servo.position, load=servo.load) for servo in descriptions]
+        self.injector = Injector(
+            faults or Faults("none"),
+            [servo.id for servo in descriptions],
+            lambda index, event, time: strike(self.servos[index], event, time),
+        )
+        self.servos = tuple(
+            Servo(
+                MODELS[servo.model],
+                {} if factory else _eeprom(servo),
+                self._senses(index),
+                own_loop=True,
+                store=store / f"servo-{index + 1}.toml" if store else None,
+            )
+            for index, servo in enumerate(descriptions)
+        )
+        self.line = Line(self.servos, descriptions[0].baud, self.advance_to, None, gap, self.injector)
+        if factory:
+            self.line.unplugged = set(range(1, len(self.servos)))
+
+    @property
+    def time(self) -> float:
+        """Simulated time, 0 at the start [s]."""
+        return self._steps * TIMESTEP
+
+    @property
+    def timestep(self) -> float:
+        """Physics step [s]."""
+        return TIMESTEP
+
+    def advance_to(self, time: float) -> None:
+        """Let the motors turn up to a time; where they have been there already, nothing happens.
+
+        Args:
+            time: In simulated time [s].
+        """
+        while self.time + TIMESTEP <= time:
+            self._step()
+        self.injector.poll(time)
+
+    def receive(self, data: bytes, time: float) -> list[Reply]:
+        """Take bytes from the client and return the servos' answers.
+
+        Args:
+            data: What the client sends.
+            time: When [s].
+        """
+        return self.line.feed(data, time)
+
+    def frames(self, time: float) -> bytes:
+        """Return nothing: there is no foot sensor."""
+        return b""
+
+    def _step(self) -> None:
+        self.injector.poll(self.time)
+        for index, (servo, motor) in enumerate(zip(self.servos, self.motors, strict=True)):
+            servo.poll(self.time)
+            drive = servo.drive()
+            voltage = drive.duty * self._volts(index) if drive.torque and drive.duty is not None else None
+            motor.step(TIMESTEP, voltage)
+        self._steps += 1
+
+    def _volts(self, index: int) -> float:
+        return max(self._supply[index] - self.injector.sag(), _LEAST_VOLTAGE)
+
+    def _senses(self, index: int) -> Callable[[float], Sensed]:
+        motor = self.motors[index]
+        return lambda _: motor.sensed(self._volts(index), ROOM)
+
+
+def _eeprom(servo: BareServo) -> dict[Name, int]:
+    return {
+        Name.ID: servo.id,
+        Name.BAUD_RATE: BAUD_CODES[servo.baud],
+        Name.RETURN_DELAY_TIME: round(servo.return_delay / RETURN_DELAY_UNIT),
+    }

@@ -1,0 +1,42 @@
+"""What the two clocks, real time and lockstep, need of what they run: a lamp, or bare servos."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from robolamp.emulator.injector import Injector
+from robolamp.emulator.line import Line, Reply
+
+
+class Emulated(Protocol):
+    """Servos on a line in a time that is given to them, and perhaps a foot sensor.
+
+    Attributes:
+        line: What connects the servos.
+        injector: What lets things go wrong.
+    """
+
+    line: Line
+    injector: Injector
+
+    @property
+    def time(self) -> float:
+        """How far the physics has come [s]."""
+        ...
+
+    @property
+    def timestep(self) -> float:
+        """Physics step [s]."""
+        ...
+
+    def advance_to(self, time: float) -> None:
+        """Let the physics run up to a time [s]."""
+        ...
+
+    def receive(self, data: bytes, time: float) -> list[Reply]:
+        """Take bytes from the client at a time [s] and return the servos' answers."""
+        ...
+
+    def frames(self, time: float) -> bytes:
+        """Return the foot sensor's frames up to a time [s] that were not yet handed out."""
+        ...

@@ -1,0 +1,111 @@
+"""Servos without a lamp, from a TOML file.
+
+Of a servo, all but the model is optional:
+
+name = "arm"
+
+[[servo]]
+model = "XL430-W250-T"       # one of the models robolamp knows
+id = 1                       # 0 to 252
+baud = 1_000_000             # 1/s
+return_delay = 0.0           # s, in steps of 2 us; a new servo has 0.0005
+position = 3.1416            # rad, of the shaft at the start, 0 to 2 pi
+voltage = 12.0               # V, of its supply; the model's recommended one unless given
+load = 0.0                   # kg m2, inertia on the shaft
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from robolamp.dynamixel.registers import BAUD_CODES, MODELS, RETURN_DELAY_UNIT
+from robolamp.files import Table, read_toml
+
+_RECOMMENDED_VOLTAGE: Mapping[str, float] = {"XL330-M288-T": 5.0, "XL330-M077-T": 5.0, "XL430-W250-T": 11.1}
+"""[V] (e-manual, "Specifications", "Input Voltage")."""
+
+_MOST_DELAY = 254 * RETURN_DELAY_UNIT
+_MOST_LOAD = 0.1  # kg m2: a metre of arm with 100 g at its end
+_FASTEST_LISTED = 4_500_000  # only servos other than the XL330 have it
+
+
+@dataclass(frozen=True)
+class BareServo:
+    """One servo of a servos file.
+
+    Attributes:
+        model: Its model's name.
+        id: Its id.
+        baud: Its rate [1/s].
+        return_delay: Its Return Delay Time [s].
+        position: Of its shaft at the start [rad].
+        voltage: Of its supply [V].
+        load: Inertia on its shaft [kg m2].
+    """
+
+    model: str
+    id: int
+    baud: int
+    return_delay: float
+    position: float
+    voltage: float
+    load: float
+
+
+@dataclass(frozen=True)
+class ServosFile:
+    """A servos file.
+
+    Attributes:
+        name: Its name.
+        servos: The servos, at least one.
+        path: Where it came from.
+    """
+
+    name: str
+    servos: tuple[BareServo, ...]
+    path: Path
+
+
+def load_servos(path: Path) -> ServosFile:
+    """Read a servos file.
+
+    Args:
+        path: The file.
+
+    Raises:
+        FileError: It cannot be read; a key is missing, unknown or outside its range; two servos would answer at once.
+    """
+    root = Table(read_toml(path), str(path))
+    name = root.text("name")
+    servos: list[BareServo] = []
+    for table in root.tables("servo"):
+        servo = _servo(table)
+        for other in servos:
+            if (other.id, other.baud) == (servo.id, servo.baud):
+                raise table.fail("id", f"{servo.id} at {servo.baud} baud is another servo's too; expected one of each")
+        servos.append(servo)
+    root.done()
+    return ServosFile(name, tuple(servos), path)
+
+
+def _servo(table: Table) -> BareServo:
+    model = table.text("model", MODELS)
+    baud = table.integer("baud", 9600, _FASTEST_LISTED, default=57_600)
+    legal = [rate for rate in BAUD_CODES if rate < _FASTEST_LISTED or model.startswith("XL430")]
+    if baud not in legal:
+        raise table.fail("baud", f"{baud} is not one of {', '.join(map(str, legal))}")
+    servo = BareServo(
+        model=model,
+        id=table.integer("id", 0, 252, default=1),
+        baud=baud,
+        return_delay=table.number("return_delay", 0.0, _MOST_DELAY, "s", default=0.0005),
+        position=table.number("position", 0.0, 2 * math.pi, "rad", default=math.pi),
+        voltage=table.number("voltage", 1.0, 20.0, "V", default=_RECOMMENDED_VOLTAGE[model]),
+        load=table.number("load", 0.0, _MOST_LOAD, "kg m2", default=0.0),
+    )
+    table.done()
+    return servo

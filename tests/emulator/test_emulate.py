@@ -1,0 +1,180 @@
+"""What `robolamp emulate` can do beside the lamp: bare servos, new servos, faults, links, traffic."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from dynamixel_sdk import COMM_SUCCESS
+
+from robolamp.emulator.servos_file import load_servos
+from robolamp.errors import FileError
+
+from .test_process import COMMAND, emulator, sdk
+
+TWO = """
+name = "two"
+[[servo]]
+model = "XL430-W250-T"
+id = 4
+baud = 57600
+[[servo]]
+model = "XL330-M077-T"
+id = 5
+baud = 1_000_000
+position = 1.0
+"""
+
+
+@pytest.fixture
+def two(tmp_path: Path) -> str:
+    path = tmp_path / "two.toml"
+    path.write_text(TWO)
+    return str(path)
+
+
+def eventually(true: Callable[[], bool], within: float = 5.0) -> bool:
+    """Whether something comes true; the machine may be busy."""
+    deadline = time.monotonic() + within
+    while not true():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.02)
+    return True
+
+
+def test_servos_of_two_rates_share_a_line(two: str) -> None:
+    with emulator("--servos", two) as (_, ready):
+        port = str(ready["servo_port"])
+        with sdk(port, 57_600) as (handler, packets):
+            assert packets.ping(handler, 4)[:2] == (1060, COMM_SUCCESS)
+            assert packets.ping(handler, 5)[1] != COMM_SUCCESS
+        with sdk(port, 1_000_000) as (handler, packets):
+            assert packets.ping(handler, 5)[:2] == (1190, COMM_SUCCESS)
+            assert abs(packets.read4ByteTxRx(handler, 5, 132)[0] - 652) <= 2
+            assert packets.write1ByteTxRx(handler, 5, 64, 1) == (COMM_SUCCESS, 0)
+            packets.write4ByteTxRx(handler, 5, 116, 2000)
+            assert eventually(lambda: abs(packets.read4ByteTxRx(handler, 5, 132)[0] - 2000) < 40)
+
+
+def test_eeprom_is_kept_where_asked(two: str, tmp_path: Path) -> None:
+    kept = str(tmp_path / "eeprom")
+    for expected, written in ((0, 123), (123, 7)):
+        with emulator("--servos", two, "--eeprom", kept) as (process, ready):
+            with sdk(str(ready["servo_port"])) as (handler, packets):
+                assert packets.read4ByteTxRx(handler, 5, 20)[0] == expected
+                assert packets.write4ByteTxRx(handler, 5, 20, written) == (COMM_SUCCESS, 0)
+            process.terminate()
+            assert process.wait(timeout=10) == 0
+
+
+def test_new_servos_are_plugged_in_one_at_a_time(two: str) -> None:
+    with (
+        emulator("--servos", two, "--factory") as (process, ready),
+        sdk(str(ready["servo_port"]), 57_600) as (handler, packets),
+    ):
+        assert packets.ping(handler, 1)[:2] == (1060, COMM_SUCCESS)
+        assert packets.read1ByteTxRx(handler, 1, 9)[0] == 250
+        assert packets.write1ByteTxRx(handler, 1, 7, 11) == (COMM_SUCCESS, 0)
+        assert packets.ping(handler, 1)[1] != COMM_SUCCESS
+        process.send_signal(signal.SIGUSR1)
+        assert eventually(lambda: packets.ping(handler, 1)[0] == 1190)
+        assert packets.ping(handler, 11)[0] == 1060
+
+
+def test_a_port_is_unplugged_and_comes_back_under_its_link(two: str, tmp_path: Path) -> None:
+    script, ports, log = tmp_path / "faults.toml", tmp_path / "ports", tmp_path / "injections.jsonl"
+    script.write_text('name = "x"\n[[event]]\nwhat = "unplugged"\nat = 2.0\nlasts = 1.0\n')
+    arguments = ("--servos", two, "--faults", str(script), "--ports", str(ports), "--injections", str(log))
+    with emulator(*arguments) as (process, ready):
+        link = ports / "servo"
+        assert ready["servo_port"] == str(link)
+        with sdk(str(link)) as (handler, packets):
+            assert packets.ping(handler, 5)[1] == COMM_SUCCESS
+            assert eventually(lambda: not link.is_symlink())
+            with pytest.raises(OSError, match=r".+"):
+                handler.writePort(b"\x00" * 8)
+        assert eventually(link.is_char_device)
+        with sdk(str(link)) as (handler, packets):
+            assert packets.ping(handler, 5)[1] == COMM_SUCCESS
+        process.terminate()
+        assert process.wait(timeout=10) == 0
+    assert not link.is_symlink()
+    injected = [json.loads(line) for line in log.read_text().splitlines()]
+    assert injected == [
+        {"time": 2.0, "what": "unplugged", "where": "servo port"},
+        {"time": 3.0, "what": "unplugged over", "where": "servo port"},
+    ]
+
+
+def test_traffic_is_told_in_words(two: str) -> None:
+    process = subprocess.Popen(
+        [*COMMAND, "--json", "--traffic", "--servos", two], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stdout is not None
+        ready = json.loads(process.stdout.readline())
+        with sdk(ready["servo_port"]) as (handler, packets):
+            packets.write2ByteTxRx(handler, 5, 84, 321)
+            packets.read2ByteTxRx(handler, 5, 84)
+            packets.write1ByteTxRx(handler, 5, 84, 1)
+        process.terminate()
+        _, said = process.communicate(timeout=10)
+    finally:
+        process.kill()
+        process.communicate(timeout=10)
+    words = [" ".join(line.split()[1:]) for line in said.splitlines()]
+    assert words == [
+        "> 5 write Position P Gain(84) 321",
+        "< 5 ok",
+        "> 5 read Position P Gain(84), 2 bytes",
+        "< 5 ok Position P Gain(84) 321",
+        "> 5 write Position P Gain(84) 01",
+        "< 5 error length",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--servos", "TWO", "--reality", "worn"], "--reality: cannot be used with --servos"),
+        (["--eeprom", "x"], "--eeprom: needs --servos"),
+        (["--servos", "/nowhere.toml"], "/nowhere.toml: cannot be read"),
+        (["--servos", "TWO", "--faults", "UNPLUG"], "unplugs a port; give --ports DIR"),
+        (["--servos", "TWO", "--faults", "UNPLUG", "--ports", "/proc/none"], "cannot be made"),
+        (["--servos", "TWO", "--injections", "/proc/none/x"], "/proc/none/x: cannot be written"),
+    ],
+)
+def test_bad_arguments_are_one_line(two: str, tmp_path: Path, arguments: list[str], says: str) -> None:
+    unplug = tmp_path / "unplug.toml"
+    unplug.write_text('name = "x"\n[[event]]\nwhat = "unplugged"\nat = 2.0\nlasts = 1.0\n')
+    words = [{"TWO": two, "UNPLUG": str(unplug)}.get(word, word) for word in arguments]
+    done = subprocess.run([*COMMAND, *words], capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert says in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ('name = "x"\n', "servo: missing"),
+        ('name = "x"\n[[servo]]\nmodel = "AX-12"\n', "servo[0].model: 'AX-12' is not one of"),
+        (
+            'name = "x"\n[[servo]]\nmodel = "XL330-M288-T"\nbaud = 4_500_000\n',
+            "servo[0].baud: 4500000 is not one of 9600",
+        ),
+        ('name = "x"\n[[servo]]\nmodel = "XL330-M288-T"\nspeed = 1\n', "servo[0].speed: unknown"),
+        ('name = "x"\n' + 2 * '[[servo]]\nmodel = "XL330-M288-T"\n', "servo[1].id: 1 at 57600 baud is another"),
+    ],
+)
+def test_a_bad_servos_file_is_refused_in_one_line(tmp_path: Path, text: str, says: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    with pytest.raises(FileError, match=r"mine\.toml") as failure:
+        load_servos(path)
+    assert says in str(failure.value)
