@@ -144,7 +144,7 @@ def test_two_at_work_in_one_folder_are_one_too_many(capsys: pytest.CaptureFixtur
     with Shelf(tmp_path).alone():
         code, out, err = call(capsys, *words)
         assert (code, out) == (2, "")
-        assert "another `robolamp study` is at work here" in err
+        assert "another robolamp is at work here" in err
     assert call(capsys, *words)[0] == 0
 
 
