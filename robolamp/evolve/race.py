@@ -22,7 +22,8 @@ from robolamp.lamp import Lamp
 from robolamp.twin.trace import Trace, follows
 
 _FIRST = 0.2  # of the individuals, the most promising, are tried on all cases before the others are compared with them
-_AHEAD = 0.25  # of the others, the best so far, go on to all cases after each case
+_AHEAD = 0.25  # of the others, the best so far, go on to all cases after each wave
+_WAVE = 400  # trials at once, at least: fewer do not keep the processors busy
 _MARGIN = 1e-9  # by which a bound must be worse, so that rounding makes nobody a loser
 _LANES_AT_ONCE = 4000  # of a trace
 
@@ -250,9 +251,9 @@ class Race:
             so_far[untouched] = np.inf
             ahead = rest[np.argsort(so_far, kind="stable")][: int(np.ceil(_AHEAD * (~untouched).sum()))]
             others = rest[~np.isin(rest, ahead)]
-            column = [order[np.flatnonzero(~tried[index, order])[0]] for index in others]
-            nexts = np.stack([others, np.array(column, np.int64)], axis=1)
-            self._run(np.concatenate([self._missing(ahead), nexts]))
+            columns = int(np.ceil(_WAVE / max(len(others), 1)))
+            nexts = [(index, case) for index in others for case in order[~tried[index, order]][:columns]]
+            self._run(np.concatenate([self._missing(ahead), np.array(nexts, np.int64).reshape(-1, 2)]))
         self.counts.stopped += len(self._missing())
 
     def _hardest_first(self, phase: float) -> NDArray[np.int64]:

@@ -6,7 +6,6 @@ a tick. Lanes do not touch each other: results are the same to the bit for any n
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
 from collections.abc import Sequence
@@ -241,8 +240,9 @@ class Fleet:
         if record:
             ticks, joints = round(duration / self.period), len(self.twins[0].lamp.joints)
             trace = Trace.blank(len(jobs), ticks, len(compiled.terminals), joints)
-        bounds = np.linspace(0, len(jobs), min(self.workers, len(jobs)) + 1).round().astype(int)
-        shares = [slice(low, high) for low, high in itertools.pairwise(bounds)]
+        # Dealt out in turn: neighbours are often of one program, and fall, or do not, together.
+        count = min(self.workers, len(jobs))
+        shares = [slice(first, None, count) for first in range(count)]
 
         def work(share: slice) -> tuple[Outcome, int]:
             shard = _Shard(self.twins, self._states, self._differing, variant[share], self.period)
@@ -256,4 +256,5 @@ class Fleet:
             with ThreadPoolExecutor(len(shares)) as pool:
                 results = list(pool.map(work, shares))
         self.steps += sum(steps for _, steps in results)
-        return replace(Outcome.join([outcome for outcome, _ in results]), trace=trace)
+        dealt = np.concatenate([np.arange(len(jobs))[share] for share in shares])
+        return replace(Outcome.join([outcome for outcome, _ in results]).take(np.argsort(dealt)), trace=trace)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numba import njit
@@ -173,6 +173,11 @@ class Outcome:
             **{name: np.concatenate([getattr(outcome, name) for outcome in outcomes]) for name in names},
             trace=Trace.join(traces) if len(traces) == len(outcomes) else None,
         )
+
+    def take(self, lanes: NDArray[np.int64]) -> Outcome:
+        """Return some lanes, in that order, without their traces."""
+        names = [item.name for item in fields(self) if item.name != "trace"]
+        return replace(self, **{name: getattr(self, name)[lanes] for name in names}, trace=None)
 
     @property
     def fallen(self) -> NDArray[np.bool_]:

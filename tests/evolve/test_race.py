@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,14 @@ from robolamp.evolve.trial import MAIN, MEASURES, STYLE, Case
 from robolamp.twin.trace import Trace
 
 from .parts import ASSETS, CALIBRATION, LAMP, walk
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _small_waves() -> Iterator[None]:
+    """Let even these small generations go in several waves."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("robolamp.evolve.race._WAVE", 1)
+        yield
 
 
 def run(task: Task, folder: Path, *, seed: int = 2, workers: int = 2, reuse: bool = True) -> Result:
