@@ -14,7 +14,18 @@ from rich.table import Table
 from robolamp.evolve.progress import Generation
 
 _ROWS = 12  # of the table
-_COLUMNS = ("stage", "gen", "best", "at full style", "hits", "falls", "flight", "nodes", "physics", "not simulated")
+_COLUMNS = (
+    "stage",
+    "generation",
+    "best",
+    "at full style",
+    "hits",
+    "falls",
+    "flight",
+    "nodes",
+    "physics",
+    "not simulated",
+)
 
 
 def _row(entry: Generation) -> tuple[str, ...]:

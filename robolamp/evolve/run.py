@@ -126,7 +126,7 @@ def _refuse_taken(folder: Path) -> None:
     unbegun = (folder / RECORD).exists() and not (folder / CHECKPOINT).exists()
     for name in (CHECKPOINT, CONTROLLER, *(() if unbegun else (RECORD, PROGRESS, TASK))):
         if (folder / name).exists():
-            message = f"holds a run, or a {name}, already; go on with --resume, or give another folder with -o"
+            message = f"holds a run already ({name}); go on with --resume, or give another folder with -o"
             raise FileError(message, str(folder))
 
 

@@ -136,7 +136,7 @@ def test_a_run_from_the_command_line(capsys: pytest.CaptureFixture[str], tmp_pat
     assert len((tmp_path / "run" / "progress.jsonl").read_text().splitlines()) == 2
     code, out, err = call(capsys, *words)
     assert (code, out) == (2, "")
-    assert err.startswith(f"robolamp: {tmp_path / 'run'}: holds a run")
+    assert err.startswith(f"robolamp: {tmp_path / 'run'}: holds a run already")
     code, _, err = call(capsys, "score", said["controller"], "--goals", "0.3", "--duration", "1")
     assert (code, err) == (0, "")
 
@@ -147,6 +147,7 @@ def test_progress_for_people(capsys: pytest.CaptureFixture[str], tmp_path: Path,
     )
     assert code == 0
     assert "Controller:" in out
+    assert "generation" in err
     assert "evolution" in err
 
 

@@ -84,7 +84,7 @@ def test_a_folder_that_holds_a_run_is_refused_and_left_as_it_is(tmp_path: Path) 
         folder = tmp_path / name.split(".")[0]
         folder.mkdir()
         (folder / name).write_text("mine")
-        with pytest.raises(FileError, match="already; go on with --resume, or give another folder with -o"):
+        with pytest.raises(FileError, match=r"holds a run already \(.+\); go on with --resume, or give another"):
             run(tiny, folder)
         assert [path.read_text() for path in folder.iterdir()] == ["mine"]
 
