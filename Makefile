@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 GOAL ?= 0.30
 
 .DEFAULT_GOAL := help
-.PHONY: help hop test test-slow lint wheel benchmarks pictures studies clean opengl
+.PHONY: help hop test test-slow lint wheel benchmarks pictures studies clean opengl micropython
 
 help:  ## what the targets do
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -13,7 +13,7 @@ help:  ## what the targets do
 hop: $(VENV)/installed  ## the shipped controller hops on the emulated lamp (GOAL=0.30)
 	$(BIN)/robolamp dry-run hop --goal $(GOAL)
 
-test: $(VENV)/developed lint opengl  ## lint, types, import floors and all tests but the slow ones
+test: $(VENV)/developed lint opengl micropython  ## lint, types, import floors and all tests but the slow ones
 	$(BIN)/python -m pytest -m "not slow"
 
 test-slow: $(VENV)/developed opengl  ## the tests that take more than a minute each
@@ -46,6 +46,14 @@ opengl:
 	  { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && \
 	    apt-get update -qq && apt-get install -y -qq libegl1 libgl1-mesa-dri >/dev/null; } || \
 	  echo "No OpenGL here: pictures are drawn as side views (Debian: apt install libegl1 libgl1-mesa-dri)."
+
+# The firmware's tests run on Debian's MicroPython, else on its WebAssembly port in node; without either they skip.
+micropython: $(VENV)/installed
+	@command -v micropython >/dev/null || [ -d $(VENV)/node/node_modules/@micropython ] || \
+	  { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && apt-get install -y -qq micropython >/dev/null 2>&1; } || \
+	  { command -v npm >/dev/null && npm install --silent --no-fund --no-audit --prefix $(VENV)/node \
+	    @micropython/micropython-webassembly-pyscript@1.27 >/dev/null 2>&1; } || \
+	  echo "No MicroPython here: the firmware is tested on CPython alone (Debian: apt install micropython)."
 
 $(VENV)/installed: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "robolamp needs Python 3.11 or later; this is " + sys.version.split()[0] + ". Try: make PYTHON=python3.12 " )'

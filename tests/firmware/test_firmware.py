@@ -26,13 +26,17 @@ from robolamp.runtime.clock import MonotonicClock
 HERE = Path(__file__).parent
 FIRMWARE = HERE.parents[1] / "hardware" / "firmware"
 MICROPYTHON = shutil.which("micropython")
+NODE = shutil.which("node")
+WEB = Path(sys.prefix, "node/node_modules/@micropython/micropython-webassembly-pyscript")  # see the Makefile
 
 INTERPRETERS = [
     pytest.param("cpython", id="CPython"),
     pytest.param(
         "micropython",
         id="MicroPython",
-        marks=pytest.mark.skipif(not MICROPYTHON, reason="no `micropython` here (Debian: apt install micropython)"),
+        marks=pytest.mark.skipif(
+            not MICROPYTHON and not (NODE and WEB.is_dir()), reason="no MicroPython here; `make micropython` fetches one"
+        ),
     ),
 ]
 
@@ -42,7 +46,10 @@ def firmware(interpreter: str, folder: Path, adc: tuple[int, int, int]) -> Itera
     """The firmware in a process of its own, and its reader."""
     (folder / "adc.txt").write_text("\n".join(map(str, adc)))
     paths = {"PATH": os.environ["PATH"]}
-    if interpreter == "micropython":
+    if interpreter == "micropython" and not MICROPYTHON:
+        files = [FIRMWARE / "main.py", FIRMWARE / "frames.py", FIRMWARE / "sensor.py", HERE / "stubs/machine.py"]
+        command = [str(NODE), str(HERE / "on_node.mjs"), str(WEB), *map(str, files)]
+    elif interpreter == "micropython":
         command = [str(MICROPYTHON), str(FIRMWARE / "main.py")]
         paths["MICROPYPATH"] = f"{HERE / 'stubs'}:{FIRMWARE}:.frozen"
     else:
