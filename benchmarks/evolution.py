@@ -3,7 +3,9 @@
 Both run in turn in one process, so that a busy machine slows both. The bare rollout holds the neutral pose with small
 random goals and a friction that does not change; an evolving fleet also evaluates controllers, judges every step, and
 rewrites each joint's load-dependent friction before every step. What that rewriting costs is shown apart, by evolving
-once more with friction that stays as it is.
+once more with friction that stays as it is. What racing costs is shown apart, too: it runs lanes in waves, and the last
+lanes of a wave keep the cores less busy than they would all together (`gp.early_stop=false`); it saves more steps than
+that (benchmarks/savings.py).
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from unittest import mock
@@ -80,12 +83,20 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=3.0, help="time of each bare rollout [s]")
     options = parser.parse_args()
     sizes = [f"cases.count={options.goals}", "cases.lamps=1", f"gp.generations={options.generations}"]
-    task = load_task(ASSETS, "hop", overrides=[*sizes, f"gp.population={options.population}"])
+    sized = [*sizes, f"gp.population={options.population}"]
+    task = load_task(ASSETS, "hop", overrides=sized)
+    together = load_task(ASSETS, "hop", overrides=[*sized, "gp.early_stop=false"])
     tiny = load_task(ASSETS, "hop", overrides=[*sizes, "duration=0.2", "gp.population=4", "gp.generations=1"])
     evolving(tiny, options.threads, 1, nullcontext())  # numba compiles
-    ways = {
-        "evolving, friction by load": nullcontext,
-        "evolving, friction as it is": lambda: mock.patch("robolamp.twin.fleet.friction_loss", still),
+
+    def unchanged() -> AbstractContextManager:
+        return mock.patch("robolamp.twin.fleet.friction_loss", still)
+
+    ways: dict[str, tuple[Task, Callable[[], AbstractContextManager]]] = {
+        "racing, friction by load": (task, nullcontext),
+        "racing, friction as it is": (task, unchanged),
+        "no racing, friction by load": (together, nullcontext),
+        "no racing, friction as it is": (together, unchanged),
     }
     rates: dict[str, list[float]] = {name: [] for name in ways}
     ratios: dict[str, list[float]] = {name: [] for name in ways}
@@ -93,8 +104,8 @@ def main() -> None:
     twin = build(LAMP, CALIBRATION, ASSETS)
     rollout = [bare(twin, options.threads, options.seconds)]
     for pair in range(options.pairs):
-        for name, patch in ways.items():
-            found, share = evolving(task, options.threads, pair + 1, patch())
+        for name, (way, patch) in ways.items():
+            found, share = evolving(way, options.threads, pair + 1, patch())
             rollout.append(bare(twin, options.threads, options.seconds))
             rates[name].append(found)
             ratios[name].append(found / np.mean(rollout[-2:]))  # of the rollout just before and just after

@@ -384,9 +384,11 @@ class Run:
             state.champion, self._trials, self._task, self._lamps, self._record["tuning"], self._tuning_seed,
             state.told, tuned_once,
         )  # fmt: skip
-        score = self._trials.score([state.champion, tuned], self._fresh())
-        if np.argmin(score.main + score.style) == 1:
-            self._save(tuned, self._trials.score([tuned], self._cases), self._record["tuning"])
+        finalists = [state.champion, *tuned]
+        score = self._trials.score(finalists, self._fresh())
+        best = int(np.argmin(score.main + score.style))
+        if best > 0:
+            self._save(finalists[best], self._trials.score([finalists[best]], self._cases), self._record["tuning"])
         state.stage = "done"
         self._checkpoint()
 

@@ -23,6 +23,8 @@ FIGURES = ("lamp",)
 """What may be evolved: a folder of sim/."""
 SELECTIONS = ("tournament", "proportionate", "lexicase", "pareto")
 """Ways to choose parents; see `robolamp.evolve.selection`."""
+TUNED = ("mean", "best")
+"""What tuning may choose from; see `robolamp.evolve.tune`."""
 _SIGNALS = ("on-board", "all")
 
 
@@ -68,6 +70,7 @@ class Settings:
         early_stop: Whether individuals that are certain to lose every tournament they are in are stopped.
         screening: Share of the individuals that is tried on all cases; the others are the worst on a sixth of them, or
             on a third (in each generation other ones). 1: all are.
+        tuned: What tuning of constants chooses from: the "mean" of its search, or also the "best" it tried.
     """
 
     population: int
@@ -83,6 +86,7 @@ class Settings:
     nodes: int
     early_stop: bool
     screening: float
+    tuned: str
 
 
 @dataclass(frozen=True)
@@ -216,6 +220,7 @@ def _settings(table: Table) -> Settings:
         nodes=table.integer("nodes", 10, 100_000, default=1000),
         early_stop=table.flag("early_stop", default=True),
         screening=table.number("screening", 0.01, 1.0, default=1.0),
+        tuned=table.text("tuned", TUNED, default="mean"),
         **shares,
     )
     table.done()

@@ -1,16 +1,19 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from robolamp.controller.expression import parse
 from robolamp.controller.file import Controller, load_controller
 from robolamp.controller.terminals import on_board_terminals
 from robolamp.errors import FileError, RobolampError
 from robolamp.evolve.progress import Generation, Result
+from robolamp.evolve.race import fitness
 from robolamp.evolve.run import evolve
 from robolamp.evolve.task import Task
 from robolamp.evolve.tree import Genome, constants
@@ -164,7 +167,8 @@ def test_tuning_is_deterministic_and_moves_only_constants(tmp_path: Path) -> Non
 
     def tuned(genome: Genome, iterations: int) -> Genome:
         fleet = Fleet([build(LAMP, CALIBRATION, ASSETS)], 0.02, 2)
-        return tune(genome, Trials(fleet, tiny, TERMINALS), tiny, 1, iterations, 3, (), lambda *_: None)
+        (mean,) = tune(genome, Trials(fleet, tiny, TERMINALS), tiny, 1, iterations, 3, (), lambda *_: None)
+        return mean
 
     once, twice = tuned(start, 12), tuned(start, 12)
     assert once == twice != start
@@ -174,6 +178,27 @@ def test_tuning_is_deterministic_and_moves_only_constants(tmp_path: Path) -> Non
     assert tuned(start, 0) == start
     assert tuned(genome("t", "t", "t"), 3) == genome("t", "t", "t")
     assert len(constants(once)) == len(constants(start))
+
+
+def test_tuning_can_choose_from_the_best_it_tried_and_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    tiny = task(tmp_path, ("posture = 0.33", "posture = 5.0"), ("depth = 6", 'depth = 6\ntuned = "best"'))
+    start = genome("0.5", "0.4", "0.3")
+    seen: list[tuple[Genome, float]] = []
+    told: list[list[float]] = []
+
+    def note(_: int, genomes: Sequence[Genome], values: NDArray[np.float64]) -> None:
+        told.append(fitness(values, 1.0).tolist())
+        seen.extend(zip(genomes, told[-1], strict=True))
+
+    def tuned(told: Sequence[Sequence[float]]) -> list[Genome]:
+        fleet = Fleet([build(LAMP, CALIBRATION, ASSETS)], 0.02, 2)
+        return tune(start, Trials(fleet, tiny, TERMINALS), tiny, 1, 4, 3, told, note)
+
+    finalists = tuned(())
+    best = sorted(seen, key=lambda each: each[1])[:12]
+    assert finalists[1:] == [genome for genome, _ in best]
+    assert finalists[0] not in finalists[1:]
+    assert tuned(told[:3]) == finalists
 
 
 def test_a_run_with_tuning_reports_each_iteration(tmp_path: Path) -> None:
