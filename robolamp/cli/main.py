@@ -52,6 +52,7 @@ stopped, in whatever manner, goes on by `robolamp evolve --resume OUTPUT`.""",
 WHICH is population, generations, selection, crossover (its Figures 5 to 8), tuned, specific, distance, or all. Stop it
 at any time and start it again: finished runs are kept, and one that was stopped goes on.""",
     "render": "Draw a controller at work, or a log's replay, as a strip of pictures or an animation.",
+    "new": "Make a folder of your own lamp, for --lamp: its description, model, calibration and a task, to be changed.",
     "emulate": """Run an emulated lamp that any Dynamixel client can talk to, until Ctrl-C.
 
 Servos and foot sensor are behind a serial port each; the lamp's physics runs behind them in real time. It starts

@@ -1,0 +1,93 @@
+"""`robolamp new`: a folder of one's own lamp."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from robolamp.assets import Assets
+from robolamp.cli.output import print_json
+from robolamp.errors import FileError
+from robolamp.lamp import load_lamp
+
+_README = """\
+# A lamp of my own
+
+Give this folder to any verb as `--lamp {name}`. A file that is not here is taken from robolamp's own: delete what you
+do not change, and it follows robolamp.
+
+| file | what to change there |
+| --- | --- |
+{rows}
+
+1. Your servos' ids, signs, zeros and limits, and your ports: `robolamp setup scan`, then `assign`, `zero`, `foot`, each
+   with `--lamp {name}`; they write hardware/lamp.toml.
+2. `robolamp setup check --lamp {name}`: what is still in the way of a run.
+3. `robolamp dry-run hop --lamp {name}`: the same on the emulated lamp; nothing moves on the desk.
+4. `robolamp deploy hop --lamp {name} --stage shadow`, then `gentle`, then `full`.
+"""
+
+
+def _files(assets: Assets) -> dict[str, str]:
+    """What a new folder holds, and what to change there."""
+    scene = load_lamp(assets).model
+    return {
+        "hardware/lamp.toml": "servos, signs, zeros, limits, ports, foot sensor",
+        scene: "what stands on the desk",
+        str(Path(scene).with_name("lamp.xml")): "the lamp's links: lengths, masses, shapes",
+        "calibration/nominal.toml": "the twin's numbers, as long as nothing is measured",
+        "sim/tasks/hop.toml": "what to evolve",
+    }
+
+
+def new(
+    directory: Path,
+    *,
+    as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> int:
+    """Make a folder of your own lamp: its description, model, calibration and a task, copied to be changed.
+
+    Give the folder to any other verb as --lamp DIRECTORY. What is not in it is
+    taken from robolamp's own files.
+
+    Args:
+        directory: Where; must not exist yet, or be empty.
+        as_json: Print one JSON object.
+    """
+    assets = Assets()
+    try:
+        if directory.is_dir() and any(directory.iterdir()):
+            raise FileError("is not empty; expected a folder that does not exist yet, or an empty one", str(directory))
+        if directory.exists() and not directory.is_dir():
+            raise FileError("is a file; expected a folder that does not exist yet", str(directory))
+        files = _files(assets)
+        directory.parent.mkdir(parents=True, exist_ok=True)
+        # Whole or not at all: made beside it, then renamed.
+        beside = Path(tempfile.mkdtemp(prefix=f".{directory.name}.", dir=directory.parent))
+    except OSError as error:
+        raise FileError(f"cannot be made: {error.strerror}", str(directory)) from None
+    try:
+        for relative in files:
+            (beside / relative).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(assets.path(relative), beside / relative)
+        rows = "\n".join(f"| `{relative}` | {what} |" for relative, what in files.items())
+        (beside / "README.md").write_text(_README.format(name=directory.name, rows=rows), encoding="utf-8")
+        mask = os.umask(0)
+        os.umask(mask)
+        beside.chmod(0o777 & ~mask)  # mkdtemp's own is for its owner alone
+        beside.rename(directory)
+    except OSError as error:
+        raise FileError(f"cannot be made: {error.strerror}", str(directory)) from None
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+    if as_json:
+        print_json({"directory": str(directory), "files": [*files, "README.md"]})
+    else:
+        print(f"{directory}: {len(files)} files to change, and README.md, which says what is where")
+        print(f"next: robolamp setup scan --lamp {directory}")
+    return 0
