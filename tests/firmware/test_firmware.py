@@ -35,7 +35,7 @@ INTERPRETERS = [
         "micropython",
         id="MicroPython",
         marks=pytest.mark.skipif(
-            not MICROPYTHON and not (NODE and WEB.is_dir()), reason="no MicroPython here; `make micropython` fetches one"
+            not MICROPYTHON and not (NODE and WEB.is_dir()), reason="no MicroPython; `make micropython` fetches one"
         ),
     ),
 ]
