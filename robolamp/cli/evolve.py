@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter, validators
 from rich.console import Console
@@ -15,14 +15,17 @@ from rich.console import Console
 from robolamp.cli.evolving import Board
 from robolamp.cli.options import Setup
 from robolamp.cli.output import print_json
-from robolamp.controller.file import check_terminals
+from robolamp.controller.file import check_terminals, read_figure
 from robolamp.errors import FileError, RobolampError
 from robolamp.evolve.checkpoint import NAME as CHECKPOINT
+from robolamp.evolve.figures import driven_by
 from robolamp.evolve.fitness import load_terms
 from robolamp.evolve.progress import Result
 from robolamp.evolve.run import MakeEvaluator, open_run
 from robolamp.evolve.run import evolve as run_evolution
 from robolamp.evolve.task import load_task
+from robolamp.figure import LAMP
+from robolamp.twin.figure import FigureTwin
 from robolamp.twin.model import TwinModel
 
 _Count = Annotated[int | None, Parameter(validator=validators.Number(gte=1))]
@@ -38,6 +41,7 @@ def evolve(
     resume: Path | None = None,
     seed: _Seed = None,
     settings: Annotated[list[str] | None, Parameter(name="--set", negative="")] = None,
+    representation: Literal["tree", "gep"] | None = None,
     population: _Count = None,
     generations: _Count = None,
     seed_from: str | None = None,
@@ -63,6 +67,9 @@ def evolve(
         Where all randomness comes from (1): the same seed gives the same run.
     settings
         A key of the task file to change, as --set gp.selection=lexicase; may be given again.
+    representation
+        How individuals are written down: tree (genetic programming) or gep (gene expression programming); short for
+        --set gp.representation.
     population
         Individuals a generation; short for --set gp.population.
     generations
@@ -85,8 +92,9 @@ def evolve(
         Print one JSON object instead of progress and prose.
     """
     given = {
-        "TASK": task, "--output": output, "--seed": seed, "--set": settings, "--population": population,
-        "--generations": generations, "--seed-from": seed_from, "--tune": tune, "--terms": terms,
+        "TASK": task, "--output": output, "--seed": seed, "--set": settings,
+        "--representation": representation, "--population": population, "--generations": generations,
+        "--seed-from": seed_from, "--tune": tune, "--terms": terms,
         "--calibration": calibration, "--lamp": lamp,
     }  # fmt: skip
     if cluster is not None and workers is not None:
@@ -118,14 +126,18 @@ def evolve(
             if terms is not None:
                 load_terms(terms)
             setup = Setup.of(lamp, calibration or "nominal")
-            short = {"gp.population": population, "gp.generations": generations}
+            short = {
+                "gp.representation": representation, "gp.population": population, "gp.generations": generations,
+            }  # fmt: skip
             overrides = [*(settings or []), *(f"{key}={value}" for key, value in short.items() if value is not None)]
             joints = len(setup.lamp.joints)
             loaded = load_task(setup.assets, task, joints, overrides)
             names = loaded.seeds if seed_from is None else () if seed_from == "none" else (seed_from,)
-            seeds = [setup.controller(name) for name in names][: loaded.gp.population]
+            seeds = [setup.controller(name, driven=driven_by(loaded, setup.lamp)) for name in names][
+                : loaded.gp.population
+            ]
             for name, seeded in zip(names, seeds, strict=False):
-                check_terminals(seeded, loaded.terminals(joints), f"seed {name}")
+                check_terminals(seeded, loaded.terminals(len(seeded.joints)), f"seed {name}")
             _refuse_file(output)
             board = Board(console)
             board.begin(loaded.gp.generations, tune or 0)
@@ -144,7 +156,7 @@ def _cluster(address: str, console: Console, stack: ExitStack) -> MakeEvaluator:
     from robolamp.evolve.cluster import Cluster
     from robolamp.evolve.machine import differences, machine
 
-    def made(twins: Sequence[TwinModel], period: float) -> Cluster:
+    def made(twins: Sequence[TwinModel] | Sequence[FigureTwin], period: float) -> Cluster:
         cluster = stack.enter_context(Cluster(address, twins, period))
         for line in differences(machine(), cluster.machines()):
             _warn(console, f"results may differ in the last bit: {line}")
@@ -192,11 +204,14 @@ def _tell(result: Result, as_json: bool) -> None:
             }
         )
         return
+    made = result.controller
+    verbs = f", robolamp explain {made}, or robolamp dry-run {made} --goal 0.30"
+    if read_figure(made) != LAMP:
+        verbs = f", or robolamp render {made} -o {made.with_suffix('.gif')}"
     Console().print(
         f"Best fitness {result.best_fitness:.3f} after {last.individuals} individuals in {last.wall_s:.0f} s"
         f" ({last.physics_s / max(last.wall_s, 1e-9):.0%} of it physics).\n"
         f"Controller: {result.controller}\n"
-        f"Next: robolamp score {result.controller}, robolamp explain {result.controller},"
-        f" or robolamp dry-run {result.controller} --goal 0.30",
+        f"Next: robolamp score {made}{verbs}",
         highlight=False, markup=False, soft_wrap=True,
     )  # fmt: skip

@@ -47,9 +47,10 @@ The twin replays the log's goals. Exit code 0: inside the tolerances; 1: outside
 
 The controller is written to OUTPUT/controller.toml, the course of the run to OUTPUT/progress.jsonl. A run that was
 stopped, in whatever manner, goes on by `robolamp evolve --resume OUTPUT`.""",
-    "study": """Run the convergence studies of the 1997 paper, draw them, and say which of its claims hold.
+    "study": """Run the papers' studies of their searches, draw them, and say which of their claims hold.
 
-WHICH is population, generations, selection, crossover (its Figures 5 to 8), tuned, specific, distance, or all. Stop it
+Of the lamp in 1997 (Gritz & Hahn), WHICH is population, generations, selection, crossover (Figures 5 to 8), tuned,
+specific, distance, or all of these. Of Jumper (EMOT): jumper, head, gep-population. Of the hop: representation. Stop it
 at any time and start it again: finished runs are kept, and one that was stopped goes on.""",
     "render": "Draw a controller at work, or a log's replay, as a strip of pictures or an animation.",
     "new": "Make a folder of your own lamp, for --lamp: its description, model, calibration and a task, to be changed.",

@@ -15,6 +15,7 @@ from robolamp.assets import Assets
 from robolamp.calibration import Calibration, load_calibration
 from robolamp.controller.file import Controller, load_controller
 from robolamp.errors import RobolampError
+from robolamp.figure import LAMP, Driven, Figure
 from robolamp.lamp import Lamp, load_lamp
 
 _LENGTH = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(mm|cm|m)?")
@@ -111,12 +112,18 @@ class Setup:
         assets = Assets.of(folder)
         return cls(assets, load_lamp(assets), load_calibration(assets, calibration))
 
-    def controller(self, name: str, *, on_board: bool = False) -> Controller:
+    def controller(self, name: str, *, on_board: bool = False, driven: Driven | None = None) -> Controller:
         """Return a controller by path or shipped name.
+
+        Args:
+            name: A path, or the name of a file in the figure's folder of controllers.
+            on_board: Refuse terminals that only the twin knows.
+            driven: What it is to drive; None: the lamp.
 
         Raises:
             FileError: It is missing or malformed.
             ExpressionError: It does not parse, or needs what the lamp has not.
         """
-        path = self.assets.named(name, "sim/lamp/controllers", "controller")
-        return load_controller(path, self.lamp, on_board=on_board)
+        folder = driven.name if isinstance(driven, Figure) else LAMP
+        path = self.assets.named(name, f"sim/{folder}/controllers", "controller")
+        return load_controller(path, driven or self.lamp, on_board=on_board)

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from robolamp.cli.figures import stage_of
 from robolamp.cli.options import DURATION, GOAL_TIME, Setup, goal_range
 from robolamp.cli.output import counted, print_json
 from robolamp.cli.pole import pole_of
@@ -23,6 +24,7 @@ from robolamp.twin.model import Pole, build
 from robolamp.twin.spread import load_spread
 
 _LANES_AT_ONCE = 6000  # about 67 MB of simulation state
+_GOALS, _DURATION = "0.05:0.60:56", 5.0  # [m], [s]
 _ROWS = 12  # of the table that a person reads; --json has every goal
 
 
@@ -30,14 +32,15 @@ def score(
     controller: str,
     /,
     *,
-    goals: str = "0.05:0.60:56",
+    goals: str | None = None,
     lamps: Annotated[int | None, Parameter(validator=validators.Number(gte=1, lte=1000))] = None,
     spread: Annotated[float | None, Parameter(validator=validators.Number(gte=0, lte=5))] = None,
     seed: Annotated[int | None, Parameter(validator=validators.Number(gte=0))] = None,
-    duration: Annotated[float, DURATION] = 5.0,
+    duration: Annotated[float | None, DURATION] = None,
     goal_time: Annotated[float | None, GOAL_TIME] = None,
     pole: str | None = None,
     pole_at: str | None = None,
+    task: str | None = None,
     workers: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
     calibration: str = "nominal",
     lamp: Path | None = None,
@@ -50,21 +53,25 @@ def score(
     controller
         A controller file, or the name of a shipped one (hop).
     goals
-        One goal, or LOW:HIGH:COUNT, in metres.
+        One goal, or LOW:HIGH:COUNT, in metres (0.05:0.60:56). For a figure other than the lamp: X,Y, or
+        LOW:HIGH:COUNT, so many points all round, that far away; without it, the goals of its task.
     lamps
         Instead of the calibrated lamp, this many lamps drawn from sim/tasks/spread.toml.
     spread
         With --lamps: standard deviations of that file, times this (1).
     seed
-        With --lamps: which lamps are drawn (1).
+        With --lamps: which lamps are drawn (1). For a figure: which points.
     duration
-        Length of each run in seconds.
+        Length of each run in seconds (5, or the time limit of a figure's task).
     goal_time
         Time to take for the way in seconds, for a controller that reads goal_time.
     pole
         Limbo: height of the lower edge of a pole across the way, as 0.20 (metres) or 20cm.
     pole_at
         With --pole: its distance ahead of the lamp's start (20cm).
+    task
+        For a figure other than the lamp: the task it is scored in (file or name); without it, the task.toml beside the
+        controller, or the task that it was evolved for.
     workers
         Threads; without it, one a core.
     calibration
@@ -72,17 +79,26 @@ def score(
     lamp
         A folder of your own lamp, laid out like robolamp's (sim/, hardware/, calibration/).
     as_json
-        Print one JSON object: goals_m, errors_m, hops, flight_share a goal (and lamp), hits, hits_1997, falls,
-        upright, pole_hits.
+        Print one JSON object: goals_m, errors_m, hops, flight_share (for a figure directions_rad, fitness, collided)
+        a goal (and lamp), hits, hits_1997, falls, upright, pole_hits.
     """
+    setup = Setup.of(lamp, calibration)
+    lamp_alone = {
+        "--lamps": lamps, "--spread": spread, "--goal-time": goal_time, "--pole": pole, "--pole-at": pole_at,
+        "--calibration": calibration != "nominal",
+    }  # fmt: skip
+    stage = stage_of(setup, controller, task, lamp_alone)
+    if stage is not None:
+        from robolamp.cli.score_figure import score_figure
+
+        return score_figure(stage, goals, seed, duration, workers, as_json)
     for option, given in (("--spread", spread), ("--seed", seed)):
         if given is not None and lamps is None:
             raise RobolampError("is for lamps that are drawn; give --lamps, too", option)
-    setup = Setup.of(lamp, calibration)
     loaded = setup.controller(controller)
     check_goal_time(loaded, goal_time)
     limbo = pole_of(pole, pole_at)
-    distances = goal_range(goals, "--goals")
+    distances = goal_range(goals or _GOALS, "--goals")
     joints = len(setup.lamp.joints)
     if lamps is None:
         bends = [None]
@@ -95,7 +111,7 @@ def score(
     program = loaded.compile(all_terminals(joints))
     jobs = [Job(0, variant, float(goal), goal_time or 0.0) for variant in range(len(twins)) for goal in distances]
     parts = [jobs[start : start + _LANES_AT_ONCE] for start in range(0, len(jobs), _LANES_AT_ONCE)]
-    outcome = Outcome.join([fleet.run([program], part, duration) for part in parts])
+    outcome = Outcome.join([fleet.run([program], part, duration or _DURATION) for part in parts])
     shape = (len(distances),) if lamps is None else (lamps, len(distances))
     if as_json:
         print_json(

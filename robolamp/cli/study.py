@@ -15,7 +15,7 @@ from robolamp.cli.options import Setup
 from robolamp.cli.output import counted, print_json
 from robolamp.errors import RobolampError
 from robolamp.evolve.progress import Generation
-from robolamp.evolve.study import STUDIES, Order, chosen_points, orders, settled
+from robolamp.evolve.study import HERE, STUDIES, TASK, Order, chosen_points, orders, settled
 from robolamp.evolve.study_report import Report, Reporter
 from robolamp.evolve.study_runs import Scale, Shelf, carry_out
 
@@ -38,12 +38,13 @@ def study(
     lamp: Path | None = None,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
-    """Run the convergence studies of the 1997 paper, draw them, and say which of its claims hold for this lamp.
+    """Run the papers' studies of their searches, draw them, and say which of their claims hold here.
 
     Parameters
     ----------
     which
-        population, generations, selection, crossover (Figures 5 to 8), tuned, specific, distance, or all of them.
+        Of the lamp in 1997: population, generations, selection, crossover (Figures 5 to 8), tuned, specific, distance,
+        or all (of these). Of Jumper: jumper (ten runs), head, gep-population. Of the hop: representation (tree or gep).
     output
         Folder of the runs. What is finished there is not run again; what was stopped goes on.
     seeds
@@ -51,9 +52,10 @@ def study(
     points
         Which values of the figure's axis: paper (all), small (three or four), or some, as 50,200,400.
     settings
-        KEY=VALUE: change a key of the task luxo-1997 for all runs, as --set timestep=0.004 --set duration=3.
+        KEY=VALUE: change a key of the studies' task (luxo-1997, jumper or hop) for all runs, as --set duration=3.
     report
-        The page to write (Markdown), pictures and data in a folder beside it; OUTPUT/studies.md unless given.
+        The page to write (Markdown), pictures and data in a folder beside it; OUTPUT/studies.md unless given, or
+        studies-jumper.md, studies-hop.md.
     draw_only
         Run nothing: only write the report. (It shows all finished runs, also of points and seeds not asked for.)
     workers
@@ -69,13 +71,14 @@ def study(
         raise RobolampError(f"{which!r} is not one of {', '.join(STUDIES)}, {_ALL}", "study")
     if which == _ALL and points not in ("paper", "small"):
         raise RobolampError(f"{points!r}: all studies together take paper or small", "--points")
-    names = list(STUDIES) if which == _ALL else [which]
+    names = [name for name, each in STUDIES.items() if each.task == TASK] if which == _ALL else [which]
+    task = STUDIES[names[0]].task
     chosen = {name: chosen_points(STUDIES[name], points) for name in names}
-    page = output / "studies.md" if report is None else report
+    page = output / ("studies.md" if task == TASK else f"studies-{task}.md") if report is None else report
     if page.suffix != ".md":
         raise RobolampError(f"{str(page)!r} does not end in .md", "--report")
-    setup, shelf = Setup.of(lamp, calibration), Shelf(output)
-    scale = shelf.scale() if draw_only and not settings else _scale(setup, settings or ())
+    setup, shelf = Setup.of(lamp, calibration), Shelf(output, task)
+    scale = shelf.scale() if draw_only and not settings else _scale(setup, settings or (), task)
     if scale is None:
         raise RobolampError("holds no runs of studies yet", str(output))
     every = {
@@ -84,7 +87,7 @@ def study(
     }
     wanted = orders([every[name][point] for name in names for point in chosen[name]], seeds)
     if draw_only:
-        shelf.check(_scale(setup, scale.settings))
+        shelf.check(_scale(setup, scale.settings, task))
     else:
         with shelf.alone():
             shelf.claim(scale)
@@ -103,12 +106,12 @@ def study(
             }
         )
         return 0
-    _print(result, finished, len(wanted))
+    _print(result, finished, len(wanted), HERE[task])
     return 0
 
 
-def _scale(setup: Setup, words: Sequence[str]) -> Scale:
-    return Scale.of(setup.assets, setup.lamp, setup.calibration, words)
+def _scale(setup: Setup, words: Sequence[str], task: str) -> Scale:
+    return Scale.of(setup.assets, setup.lamp, setup.calibration, words, task)
 
 
 def _run(
@@ -157,8 +160,8 @@ def _command(which: str, output: Path, seeds: int, points: str, scale: Scale) ->
     return shlex.join(words)
 
 
-def _print(result: Report, finished: int, wanted: int) -> None:
+def _print(result: Report, finished: int, wanted: int, here: str) -> None:
     console = Console(highlight=False, markup=False, soft_wrap=True)
     for verdict in result.verdicts:
-        console.print(f"{verdict.claim} This lamp: {verdict.verdict}.")
+        console.print(f"{verdict.claim} {here[:1].upper()}{here[1:]}: {verdict.verdict}.")
     console.print(f"{finished} of {counted(wanted, 'run')} finished. Report: {result.path}")

@@ -11,14 +11,12 @@ from typing import Any
 import tomlkit
 
 from robolamp.controller.expression import Expression, parse, parse_list
+from robolamp.controller.gene import parse_gene
 from robolamp.controller.program import Program, compile_program
-from robolamp.controller.terminals import OPTIONAL, all_terminals, on_board_terminals
+from robolamp.controller.terminals import OPTIONAL, all_terminals, on_board_terminals, terminals_of
 from robolamp.errors import ExpressionError, FileError
+from robolamp.figure import DRIVES, LAMP, Driven, Figure
 from robolamp.files import Table, read_text, read_toml, write_atomic
-from robolamp.lamp import Lamp
-
-DRIVES = ("position",)
-"""What a controller's outputs may mean: goal angles [rad]."""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,63}")  # it becomes part of a folder's name
 _LONGEST = 64
@@ -44,20 +42,24 @@ def _name(root: Table) -> str:
     return name
 
 
-def _expressions(table: Table, terminals: Sequence[str], lamp: Lamp, where: str) -> tuple[Expression, ...]:
+def _expressions(table: Table, terminals: Sequence[str], driven: Driven, where: str) -> tuple[Expression, ...]:
     """Read [joints]: a key for each joint."""
     if "expressions" in table:
         raise table.fail("expressions", "belongs above the first [table], not into [joints]")
-    if set(table.names()) != set(lamp.names):
-        have = ", ".join(table.names()) or "none"
-        raise FileError(f"joints: the controller's joints ({have}) are not the lamp's ({', '.join(lamp.names)})", where)
-    texts = [table.text(name) for name in lamp.names]
-    for name, text in zip(lamp.names, texts, strict=True):
+    if set(table.names()) != set(driven.names):
+        have, whose = ", ".join(table.names()) or "none", _whose(driven)
+        raise FileError(f"joints: the controller's joints ({have}) are not {whose} ({', '.join(driven.names)})", where)
+    texts = [table.text(name) for name in driven.names]
+    for name, text in zip(driven.names, texts, strict=True):
         if re.match(r"\s*\(\s*list\b", text):
             raise table.fail(name, "a (list ...) holds all joints: give it as `expressions` in place of [joints]")
     return tuple(
-        parse(text, terminals, f"{where}: joints.{name}") for name, text in zip(lamp.names, texts, strict=True)
+        parse(text, terminals, f"{where}: joints.{name}") for name, text in zip(driven.names, texts, strict=True)
     )
+
+
+def _whose(driven: Driven) -> str:
+    return f"{driven.name}'s" if isinstance(driven, Figure) else "the lamp's"
 
 
 @dataclass(frozen=True)
@@ -67,13 +69,15 @@ class Controller:
     Attributes:
         name: Its name.
         task: The task it was evolved for; empty for one written by hand.
-        drive: What its outputs are, one of `DRIVES`.
+        drive: What its outputs are, one of `robolamp.figure.DRIVES`.
         control_period: Time between evaluations [s].
         expressions: One a joint, in the lamp's order.
         joints: The joints' names, from the foot up.
         provenance: Seed, generation, command, calibration hash and versions it came from.
         scores: What it reached, as written by whoever scored it.
         source: The file's text; empty for one that was never in a file.
+        figure: What it drives.
+        genome: The gene of each joint that the expressions were decoded from, by joint; empty where they were not.
     """
 
     name: str
@@ -85,12 +89,15 @@ class Controller:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     scores: Mapping[str, Any] = field(default_factory=dict)
     source: str = field(default="", repr=False)
+    figure: str = LAMP
+    genome: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def terminals(self) -> tuple[str, ...]:
-        """Names of the terminals it reads, in the order of `all_terminals`."""
+        """Names of the terminals it reads: those of the lamp in the order of `all_terminals`, others sorted."""
         read = frozenset().union(*(expression.terminals for expression in self.expressions))
-        return tuple(name for name in all_terminals(len(self.joints)) if name in read)
+        known = tuple(name for name in all_terminals(len(self.joints)) if name in read)
+        return (*known, *sorted(read.difference(known)))
 
     def compile(self, supplied: Sequence[str]) -> Program:
         """Flatten it for the interpreters.
@@ -146,38 +153,73 @@ def check_goal_time(controller: Controller, goal_time: float | None) -> None:
         )
 
 
-def load_controller(path: Path, lamp: Lamp, *, on_board: bool = False) -> Controller:
+def _genome(root: Table, terminals: Sequence[str], expressions: Sequence[Expression], driven: Driven) -> dict[str, str]:
+    """Read [genome]: the gene of each joint, which must express what [joints] says."""
+    if "genome" not in root:
+        return {}
+    table = root.table("genome")
+    genes = {name: " ".join(table.text(name).split()) for name in driven.names}
+    table.done()
+    for (name, text), expression in zip(genes.items(), expressions, strict=True):
+        try:
+            gene = parse_gene(text, terminals)
+        except ExpressionError as error:
+            raise table.fail(name, str(error)) from None
+        if gene.expression != expression:
+            raise table.fail(
+                name, f"expresses {gene.expression}, not what [joints] says; remove [genome] if you edited"
+            )
+    return genes
+
+
+def read_figure(path: Path) -> str:
+    """Return what a controller file drives, by its word alone: "lamp" unless it says otherwise.
+
+    Raises:
+        FileError: The file is missing or not TOML.
+    """
+    return Table(read_toml(path), str(path)).text("figure", default=LAMP)
+
+
+def load_controller(path: Path, driven: Driven, *, on_board: bool = False) -> Controller:
     """Read a controller file.
 
     Args:
         path: The file.
-        lamp: The lamp it will drive.
+        driven: The lamp, or the figure, that it will drive.
         on_board: Refuse terminals that only the twin knows.
 
     Raises:
-        FileError: The file is missing or malformed, or its joints are not the lamp's.
+        FileError: The file is missing or malformed, or its figure, its joints or its drive are not those.
         ExpressionError: An expression does not parse, or needs a terminal that is not to be had.
     """
     where = str(path)
     root = Table(read_toml(path), where)
     root.integer("schema", 1, 1)
-    terminals = all_terminals(len(lamp.joints))
+    figure, own = root.text("figure", default=LAMP), driven.name if isinstance(driven, Figure) else LAMP
+    if figure != own:
+        raise root.fail("figure", f"drives {figure!r}; expected a controller for {own!r}")
+    terminals = terminals_of(driven)
     # `expressions = "(list ...)"`, as papers print controllers, or a table with a key for each joint.
     if "expressions" in root:
         text = root.text("expressions")
         expressions = parse_list(text, terminals, f"{where}: expressions")
-        if len(expressions) != len(lamp.names):
-            raise root.fail("expressions", f"holds {len(expressions)}; expected one a joint ({', '.join(lamp.names)})")
+        if len(expressions) != len(driven.names):
+            raise root.fail(
+                "expressions", f"holds {len(expressions)}; expected one a joint ({', '.join(driven.names)})"
+            )
     else:
-        expressions = _expressions(root.table("joints"), terminals, lamp, where)
+        expressions = _expressions(root.table("joints"), terminals, driven, where)
     declared = root.array("terminals", default=[])
     controller = Controller(
         name=_name(root),
         task=root.text("task", default=""),
-        drive=root.text("drive", DRIVES, default="position"),
+        drive=root.text("drive", DRIVES if own != LAMP else ("position",), default="position"),
         control_period=root.number("control_period", 0.002, 0.1, "s", default=0.02),
         expressions=expressions,
-        joints=lamp.names,
+        joints=driven.names,
+        figure=figure,
+        genome=_genome(root, terminals, expressions, driven),
         provenance=root.table("provenance", default={}).raw(),
         scores=root.table("scores", default={}).raw(),
         source=read_text(path),
@@ -188,7 +230,7 @@ def load_controller(path: Path, lamp: Lamp, *, on_board: bool = False) -> Contro
         raise FileError(f"terminals: unknown {unknown[0]!r}; expected some of {' '.join(terminals)}", where)
     if declared and set(declared) != set(controller.terminals):
         raise FileError(f"terminals: declares {declared}, but the expressions read {list(controller.terminals)}", where)
-    supplied = on_board_terminals(len(lamp.joints)) + OPTIONAL if on_board else terminals
+    supplied = on_board_terminals(len(driven.joints)) + OPTIONAL if on_board else terminals
     check_terminals(controller, supplied, where)
     return controller
 
@@ -196,11 +238,14 @@ def load_controller(path: Path, lamp: Lamp, *, on_board: bool = False) -> Contro
 def format_controller(controller: Controller) -> str:
     """Return a controller as the text of its file."""
     document = tomlkit.document()
-    document.add(tomlkit.comment(f"A controller for robolamp: goal angles [rad] of {', '.join(controller.joints)}."))
+    what = "goal angles [rad]" if controller.drive == "position" else "goal angular velocities [rad/s]"
+    document.add(tomlkit.comment(f"A controller for robolamp: {what} of {', '.join(controller.joints)}."))
     document.add(tomlkit.nl())
     document["schema"] = 1
     document["name"] = controller.name
     document["task"] = controller.task
+    if controller.figure != LAMP:
+        document["figure"] = controller.figure
     document["drive"] = controller.drive
     document["control_period"] = tomlkit.item(controller.control_period).comment("s")
     document["terminals"] = list(controller.terminals)
@@ -208,6 +253,12 @@ def format_controller(controller: Controller) -> str:
     for name, expression in zip(controller.joints, controller.expressions, strict=True):
         joints[name] = tomlkit.string(_wrapped(str(expression)), multiline=True)
     document["joints"] = joints
+    if controller.genome:
+        genome = tomlkit.table()
+        genome.add(tomlkit.comment("The genes that [joints] was decoded from: head | tail | domain | constants."))
+        for name, text in controller.genome.items():
+            genome[name] = tomlkit.string(_wrapped(text), multiline=True)
+        document["genome"] = genome
     for key, content in (("scores", controller.scores), ("provenance", controller.provenance)):
         if content:
             document[key] = dict(content)

@@ -65,3 +65,34 @@ def run_lanes(
                     else:
                         stack[top - 1] = a / b
             outputs[lane, joint] = stack[0]
+
+
+@njit(cache=True, nogil=True, fastmath=False, error_model="numpy")
+def bound_lanes(
+    wanted: NDArray[np.float64],
+    goal: NDArray[np.float64],
+    lower: NDArray[np.float64],
+    upper: NDArray[np.float64],
+    step: NDArray[np.float64],
+    interventions: NDArray[np.int64],
+) -> None:
+    """Do for many lanes what `Envelope.apply` does, to the bit, without its cost for each call.
+
+    Args:
+        wanted: What the controllers ask for, shape (lanes, joints).
+        goal: Goals as sent last; written to, shape (lanes, joints).
+        lower: Smallest goals, shape (joints,).
+        upper: Largest goals, shape (joints,).
+        step: Largest change of a goal in a control period, shape (joints,).
+        interventions: What had to be changed so far; written to, shape (lanes,).
+    """
+    for lane in range(wanted.shape[0]):
+        for joint in range(wanted.shape[1]):
+            last, held = goal[lane, joint], wanted[lane, joint]
+            if not np.isfinite(held):
+                held = last
+                interventions[lane] += 1
+            inside = min(max(held, lower[joint]), upper[joint])
+            slow = min(max(inside, last - step[joint]), last + step[joint])
+            interventions[lane] += int(inside != held) + int(slow != inside)
+            goal[lane, joint] = slow + 0.0  # a goal of -0.0 becomes 0.0

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from robolamp.figure import POINT, Driven, Figure
+
 AIR_TIME_OF_A_HOP = 0.04
 """Time without contact, after which a new contact counts as a hop [s]: shorter gaps are rattling."""
 
@@ -43,6 +45,31 @@ TWIN_ONLY = ("px", "py", "pz", "vx", "vy", "vz", "goal_met")
 def all_terminals(joints: int) -> tuple[str, ...]:
     """Every terminal that a controller of a figure with that many joints may name."""
     return on_board_terminals(joints) + OPTIONAL + TWIN_ONLY
+
+
+GOAL_SIGNALS = ("goal_ahead", "goal_left", "goal_dist")
+"""Terminals that tell where the goal is from a figure: ahead and to the left of its heading, and how far [m]."""
+
+
+def figure_terminals(figure: Figure) -> tuple[str, ...]:
+    """Every terminal that a controller of a figure may name (Kwasnicka & Wozniak, Table 2, and `GOAL_SIGNALS`).
+
+    t [s]; k0.. joint angles [rad]; O*.px O*.py O*.pz positions [m] and V*.x V*.y V*.z velocities [m/s] of its objects;
+    Ogoal.px Ogoal.py where the goal is a point.
+
+    Args:
+        figure: The figure.
+    """
+    angles = [f"k{joint}" for joint in range(len(figure.joints))]
+    objects = [f"O{name}.{axis}" for name in figure.objects for axis in ("px", "py", "pz")]
+    speeds = [f"V{name}.{axis}" for name in figure.objects for axis in ("x", "y", "z")]
+    point = ("Ogoal.px", "Ogoal.py") if figure.goal == POINT else ()
+    return ("t", *angles, *objects, *speeds, *point, *GOAL_SIGNALS)
+
+
+def terminals_of(driven: Driven) -> tuple[str, ...]:
+    """Every terminal that a controller of the lamp, or of another figure, may name."""
+    return figure_terminals(driven) if isinstance(driven, Figure) else all_terminals(len(driven.joints))
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from robolamp.controller.expression import parse
 from robolamp.errors import ExpressionError, FileError
+from robolamp.evolve.representation import Representation
 from robolamp.evolve.tree import Genome
 from robolamp.files import read_text, write_atomic
 
@@ -30,17 +31,17 @@ class Checkpoint:
     Attributes:
         stage: "evolution", "tuning" or "done".
         generation: The next one to be evaluated.
-        population: Its individuals.
+        population: Its individuals: genotypes, as are all individuals here but those of `known` and `traced`.
         mothers: For each individual the index in `parents` of whom it has most from; -1: nobody.
         parents: What the population was bred from.
         promise: What fitness is expected of each individual.
         known: `MEASURES` on every case of the programs that are remembered, by key.
         traced: Programs whose runs are remembered: made again when the run goes on.
-        champion: The best individual so far.
+        champion: The best individual so far; None while there is none.
         champion_fitness: Its fitness at full phase; infinite while there is none.
         fitness: Fitness of the controller on disk, on `cases`.
         controller: Text of its file.
-        cases: The last drawn: goal [m], lamp and time to take [s] of each.
+        cases: The last drawn: goal [m], lamp, time to take [s] and direction [rad] of each.
         candidates: The best of each generation, where cases are drawn anew for each.
         told: Fitnesses of each iteration of tuning.
         totals: Running totals: individuals, physics steps, seconds, trials.
@@ -50,18 +51,18 @@ class Checkpoint:
 
     stage: str = "evolution"
     generation: int = 0
-    population: list[Genome] = field(default_factory=list)
+    population: list[Any] = field(default_factory=list)
     mothers: list[int] = field(default_factory=list)
-    parents: list[Genome] = field(default_factory=list)
+    parents: list[Any] = field(default_factory=list)
     promise: list[float] = field(default_factory=list)
     known: dict[Genome, NDArray[np.float64]] = field(default_factory=dict)
     traced: list[Genome] = field(default_factory=list)
-    champion: Genome | None = None
+    champion: Any = None
     champion_fitness: float = float("inf")
     fitness: float = float("inf")
     controller: str = ""
-    cases: list[tuple[float, int, float]] = field(default_factory=list)
-    candidates: list[Genome] = field(default_factory=list)
+    cases: list[tuple[float, int, float, float]] = field(default_factory=list)
+    candidates: list[Any] = field(default_factory=list)
     told: list[list[float]] = field(default_factory=list)
     totals: dict[str, float] = field(default_factory=dict)
     lines: int = 0
@@ -72,16 +73,22 @@ def _texts(genome: Genome) -> list[str]:
     return [str(part) for part in genome]
 
 
-def save_checkpoint(checkpoint: Checkpoint, folder: Path) -> None:
+def save_checkpoint(checkpoint: Checkpoint, folder: Path, representation: Representation[Any]) -> None:
     """Write a checkpoint, atomically.
+
+    Args:
+        checkpoint: The run.
+        folder: The run's folder.
+        representation: Writes its individuals.
 
     Raises:
         FileError: It cannot be written; the one before is whole.
     """
     data = dict(vars(checkpoint))
-    for name in ("population", "parents", "traced", "candidates"):
-        data[name] = [_texts(genome) for genome in data[name]]
-    data["champion"] = None if checkpoint.champion is None else _texts(checkpoint.champion)
+    for name in ("population", "parents", "candidates"):
+        data[name] = [representation.dump(genotype) for genotype in data[name]]
+    data["traced"] = [_texts(genome) for genome in checkpoint.traced]
+    data["champion"] = None if checkpoint.champion is None else representation.dump(checkpoint.champion)
     data["known"] = [[_texts(genome), values.tolist()] for genome, values in checkpoint.known.items()]
     write_atomic(folder / NAME, json.dumps({"schema": _SCHEMA, **data}))
 
@@ -100,12 +107,13 @@ def _check(checkpoint: Checkpoint) -> None:
         raise ValueError("its champion is missing")
 
 
-def load_checkpoint(folder: Path, terminals: Sequence[str]) -> Checkpoint:
+def load_checkpoint(folder: Path, terminals: Sequence[str], representation: Representation[Any]) -> Checkpoint:
     """Read a checkpoint.
 
     Args:
         folder: The run's folder.
         terminals: What its genomes may read.
+        representation: Reads its individuals.
 
     Raises:
         FileError: There is none, or it is damaged.
@@ -121,12 +129,14 @@ def load_checkpoint(folder: Path, terminals: Sequence[str]) -> Checkpoint:
         if data["schema"] != _SCHEMA:
             raise FileError(f"schema {data['schema']!r} is not {_SCHEMA}", str(path))
         fields = {name: data[name] for name in Checkpoint.__dataclass_fields__}
-        for name in ("population", "parents", "traced", "candidates"):
-            fields[name] = [genome(texts) for texts in fields[name]]
-        fields["champion"] = None if fields["champion"] is None else genome(fields["champion"])
+        for name in ("population", "parents", "candidates"):
+            fields[name] = [representation.load(texts, str(path)) for texts in fields[name]]
+        fields["traced"] = [genome(texts) for texts in fields["traced"]]
+        if fields["champion"] is not None:
+            fields["champion"] = representation.load(fields["champion"], str(path))
         fields["known"] = {genome(texts): np.array(values) for texts, values in fields["known"]}
         fields["promise"] = [float(value) for value in fields["promise"]]
-        fields["cases"] = [(float(goal), int(lamp), float(limit)) for goal, lamp, limit in fields["cases"]]
+        fields["cases"] = [(float(goal), int(lamp), *map(float, rest)) for goal, lamp, *rest in fields["cases"]]
         checkpoint = Checkpoint(**fields)
         _check(checkpoint)
         return checkpoint

@@ -96,16 +96,27 @@ def median(values: Sequence[float]) -> float:
     return float(np.median(values))
 
 
-def _told(axis: str, results: Results) -> str:
-    """A study's numbers in a sentence."""
+def told(axis: str, results: Results) -> str:
+    """Return a study's numbers in a sentence.
+
+    Args:
+        axis: What its points are.
+        results: Of its points.
+    """
     if not results:
         return "Nothing was run for it."
     medians = ", ".join(f"{name}: {median(values):.3f}" for name, values in results.items())
     return f"Median fitness of champions at phase 1, by {axis}: {medians}; {Noise(results).told()}."
 
 
-def _all(relations: Iterable[str], good: set[str], bad: set[str]) -> str:
-    """Every relation good: agrees; one bad: does not; else, or without any: cannot tell."""
+def agreement(relations: Iterable[str], good: set[str], bad: set[str]) -> str:
+    """Return the verdict on a claim: every relation good: agrees; one bad: does not; else, or without any: cannot tell.
+
+    Args:
+        relations: As `Noise.compare` gives them.
+        good: What the claim says they are.
+        bad: What speaks against it.
+    """
     found = set(relations)
     if found & bad:
         return DISAGREES
@@ -117,7 +128,7 @@ def _each_like_the_rest(results: Results) -> str:
         return UNKNOWN
     noise = Noise(results)
     relations = [noise.compare([name], [other for other in results if other != name]) for name in results]
-    return _all(relations, {"alike"}, {"better", "worse"})
+    return agreement(relations, {"alike"}, {"better", "worse"})
 
 
 def population(results: Results) -> list[Verdict]:
@@ -135,14 +146,14 @@ def population(results: Results) -> list[Verdict]:
         Verdict(
             "population",
             "Populations under 200 do not converge to good fitness.",
-            _all(relations, {"worse"}, {"alike", "better"}),
-            _told("M", results),
+            agreement(relations, {"worse"}, {"alike", "better"}),
+            told("M", results),
         ),
         Verdict(
             "population",
             "From 200 individuals on, the population size makes little difference.",
             _each_like_the_rest(large),
-            _told("M", large),
+            told("M", large),
         ),
     ]
 
@@ -159,7 +170,7 @@ def generations(results: Results) -> list[Verdict]:
         verdict = DISAGREES
     else:
         verdict = AGREES if "better" in relations and "unclear" not in relations else UNKNOWN
-    return [Verdict("generations", "30 generations are best; more do not help.", verdict, _told("G", results))]
+    return [Verdict("generations", "30 generations are best; more do not help.", verdict, told("G", results))]
 
 
 def selection(results: Results) -> list[Verdict]:
@@ -175,14 +186,14 @@ def selection(results: Results) -> list[Verdict]:
         Verdict(
             "selection",
             "Tournaments of any size beat fitness-proportionate selection.",
-            _all(relations, {"better"}, {"alike", "worse"}),
-            _told("selection", results),
+            agreement(relations, {"better"}, {"alike", "worse"}),
+            told("selection", results),
         ),
         Verdict(
             "selection",
             "The size of the tournament hardly matters.",
             _each_like_the_rest(sizes),
-            _told("size", sizes),
+            told("size", sizes),
         ),
     ]
 
@@ -194,7 +205,7 @@ def crossover(results: Results) -> list[Verdict]:
     """
     high = {name: values for name, values in results.items() if int(name) >= 50}
     low = {name: values for name, values in results.items() if int(name) < 50}
-    figures = _told("Pc [%]", high)
+    figures = told("Pc [%]", high)
     if low:
         figures += f" Below 50 %: {', '.join(f'{name}: {median(values):.3f}' for name, values in low.items())}."
     claim = "From 50 % on, the crossover rate does not matter much."
@@ -209,7 +220,7 @@ def tuned(results: Results) -> list[Verdict]:
     noise = Noise(results)
     relations = [noise.compare(["tuned"], ["first"])] if {"tuned", "first"} <= set(results) else []
     claim = "M = 250, G = 30, Pc = 80 % does as well as M = 400, G = 50, Pc = 90 %, for 37.5 % of the individuals."
-    return [Verdict("tuned", claim, _all(relations, {"alike", "better"}, {"worse"}), _told("run", results))]
+    return [Verdict("tuned", claim, agreement(relations, {"alike", "better"}, {"worse"}), told("run", results))]
 
 
 @dataclass(frozen=True)

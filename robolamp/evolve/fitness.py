@@ -6,17 +6,21 @@ import runpy
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.errors import FileError, RobolampError
+from robolamp.figure import LAMP
 from robolamp.twin.judge import Outcome
+from robolamp.twin.verdict import FigureOutcome
 
-Term = Callable[[Outcome], NDArray[np.float64]]
-"""Takes an outcome of many lanes and gives one number a lane, not below 0, shape (lanes,).
+Term = Callable[[Any], NDArray[np.float64]]
+"""Takes an outcome of many lanes (`Outcome` of the lamp, `FigureOutcome` of other figures) and gives one number a lane,
+not below 0, shape (lanes,).
 
-It judges what the lamp did: what the envelope had to change (`interventions`) is hidden from it, because a run may be
+It judges what was done: what the envelope had to change (`interventions`) is hidden from it, because a run may be
 taken over from another controller that sent the same goals."""
 
 _TERMS: dict[str, Term] = {}
@@ -26,6 +30,10 @@ HOPELESS = 1e6
 """Fitness of a run of which no number can be made."""
 NEEDS = {"pole": "[pole]", "pose": "[[poses]]", "timing": "cases.goal_time"}
 """Terms that ask for a part of the task file."""
+
+
+_FIGURES_TOO = ("distance", "miss", "arrival", "posture")
+_FIGURES_ONLY = ("collision", "idle", "angles", "velocities")
 
 
 def term(name: str) -> Callable[[Term], Term]:
@@ -52,13 +60,24 @@ def terms() -> Mapping[str, Term]:
     return _TERMS
 
 
+def terms_of(figure: str) -> tuple[str, ...]:
+    """Return the names of the terms that judge a figure: robolamp's own for it, and every one of the user's.
+
+    Args:
+        figure: "lamp", or another.
+    """
+    own = {name for name, function in _TERMS.items() if function.__module__ == __name__}
+    others = own.difference(_FIGURES_TOO, _FIGURES_ONLY) if figure != LAMP else _FIGURES_ONLY
+    return tuple(name for name in _TERMS if name not in others)
+
+
 @term("distance")
-def _distance(outcome: Outcome) -> NDArray[np.float64]:
+def _distance(outcome: Outcome | FigureOutcome) -> NDArray[np.float64]:
     return np.abs(outcome.error) / np.abs(outcome.goal)
 
 
 @term("miss")
-def _miss(outcome: Outcome) -> NDArray[np.float64]:
+def _miss(outcome: Outcome | FigureOutcome) -> NDArray[np.float64]:
     return np.minimum(np.abs(outcome.error), 0.3) / 0.05
 
 
@@ -83,12 +102,12 @@ def _restless(outcome: Outcome) -> NDArray[np.float64]:
 
 
 @term("posture")
-def _posture(outcome: Outcome) -> NDArray[np.float64]:
+def _posture(outcome: Outcome | FigureOutcome) -> NDArray[np.float64]:
     return np.minimum(np.abs(outcome.angles).mean(axis=1), 1.0)
 
 
 @term("arrival")
-def _arrival(outcome: Outcome) -> NDArray[np.float64]:
+def _arrival(outcome: Outcome | FigureOutcome) -> NDArray[np.float64]:
     return np.where(np.isnan(outcome.arrival), 1.0, outcome.arrival / outcome.duration)
 
 
@@ -111,6 +130,33 @@ def _pose(outcome: Outcome) -> NDArray[np.float64]:
 def _timing(outcome: Outcome) -> NDArray[np.float64]:
     late = np.abs(outcome.arrival - outcome.goal_time) / outcome.duration
     return np.where(np.isnan(outcome.arrival), 1.0, np.minimum(late, 1.0))
+
+
+# Kwasnicka & Wozniak, Pseudocode 3: a collision is counted INSTEAD OF timing, angles and velocities.
+
+
+@term("collision")
+def _collision(outcome: FigureOutcome) -> NDArray[np.float64]:
+    return (~np.isnan(outcome.collision)).astype(np.float64)
+
+
+def _unless_collided(outcome: FigureOutcome, value: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.where(np.isnan(outcome.collision), np.clip(value, 0.0, 1.0), 0.0)
+
+
+@term("idle")
+def _idle(outcome: FigureOutcome) -> NDArray[np.float64]:
+    return _unless_collided(outcome, outcome.idle / outcome.duration)
+
+
+@term("angles")
+def _angles(outcome: FigureOutcome) -> NDArray[np.float64]:
+    return _unless_collided(outcome, np.abs(outcome.angles).sum(axis=1))
+
+
+@term("velocities")
+def _velocities(outcome: FigureOutcome) -> NDArray[np.float64]:
+    return _unless_collided(outcome, np.abs(outcome.velocities).sum(axis=1))
 
 
 def load_terms(path: Path) -> None:
@@ -147,7 +193,7 @@ def _line_of(error: BaseException, path: str) -> str:
     return found
 
 
-def weighted(outcome: Outcome, weights: Mapping[str, float]) -> NDArray[np.float64]:
+def weighted(outcome: Outcome | FigureOutcome, weights: Mapping[str, float]) -> NDArray[np.float64]:
     """Return the weighted sum of terms, shape (lanes,); `HOPELESS` at most, and where it is no number.
 
     Args:
@@ -169,7 +215,7 @@ def weighted(outcome: Outcome, weights: Mapping[str, float]) -> NDArray[np.float
     return np.where(total < HOPELESS, total, HOPELESS)  # also where it is no number
 
 
-def _value(name: str, outcome: Outcome) -> NDArray[np.float64]:
+def _value(name: str, outcome: Outcome | FigureOutcome) -> NDArray[np.float64]:
     function = _TERMS[name]
     try:
         value = np.asarray(function(outcome))

@@ -25,6 +25,9 @@ class Generation:
         best_whole: Fitness of the same individual at full phase.
         champion_fitness: The best fitness at full phase so far in the run; while tuning, and where cases are drawn
             anew, of this iteration or generation.
+        adjusted_fitness: 1 / (1 + best_fitness): best_fitness is raw and standardized fitness in one, 0 is perfect
+            (Koza 1992, section 6.3; Kwasnicka & Wozniak, equation 1). None in runs of before it was written.
+        normalized_fitness: That as a share of the sum over the individuals that were tried on all cases (equation 2).
         mean_fitness: Mean over the individuals that were tried on all cases.
         hits: Cases hit by the best.
         hits_1997: Cases in which the best came within 1.5 cm of the goal.
@@ -66,6 +69,8 @@ class Generation:
     physics_steps: int
     physics_s: float
     wall_s: float
+    adjusted_fitness: float | None = None
+    normalized_fitness: float | None = None
 
 
 @dataclass(frozen=True)

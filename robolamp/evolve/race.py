@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from robolamp.controller.simplify import simplify
 from robolamp.evolve.tree import Genome
 from robolamp.evolve.trial import MAIN, MEASURES, STYLE, Case, Trials
-from robolamp.lamp import Lamp
+from robolamp.figure import Driven
 from robolamp.twin.trace import Trace, follows
 
 _FIRST = 0.2  # of the individuals, the most promising, are tried on all cases before the others are compared with them
@@ -102,7 +102,7 @@ class Race:
     Args:
         trials: Tries genomes.
         cases: Goals and lamps.
-        lamp: The lamp.
+        lamp: The lamp, or the figure.
         period: Control period [s].
         population: The individuals.
         mothers: Whom each individual is likely to act like, or None.
@@ -115,7 +115,7 @@ class Race:
         self,
         trials: Trials,
         cases: Sequence[Case],
-        lamp: Lamp,
+        lamp: Driven,
         period: float,
         population: Sequence[Genome],
         mothers: Sequence[Genome | None],

@@ -18,9 +18,10 @@ from robolamp.assets import Assets
 from robolamp.calibration import Calibration, load_calibration
 from robolamp.controller.file import Controller, format_controller, slug
 from robolamp.errors import FileError, RobolampError
-from robolamp.evolve.breeding import breed, choose, draw_plan
+from robolamp.evolve.breeding import choose, represent
 from robolamp.evolve.checkpoint import NAME as CHECKPOINT
 from robolamp.evolve.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
+from robolamp.evolve.figures import compiled, drive_of, driven_by
 from robolamp.evolve.fitness import load_terms
 from robolamp.evolve.machine import differences, machine
 from robolamp.evolve.progress import NAME as PROGRESS
@@ -28,26 +29,27 @@ from robolamp.evolve.progress import Generation, Result, read_progress, write_pr
 from robolamp.evolve.race import Contest, Memory, Race, fitness
 from robolamp.evolve.record import NAME as RECORD
 from robolamp.evolve.record import check_unchanged, read_record, write_record
+from robolamp.evolve.selection import adjusted, normalized
 from robolamp.evolve.task import Task, load_task, parse_task
-from robolamp.evolve.tree import Breeder, Genome
+from robolamp.evolve.tree import Genome
 from robolamp.evolve.trial import Case, Evaluator, Score, Trials, draw_cases
 from robolamp.evolve.tune import tune
+from robolamp.figure import LAMP
 from robolamp.files import alone, sha256, write_atomic
 from robolamp.lamp import Lamp, load_lamp
-from robolamp.twin.fleet import Fleet
-from robolamp.twin.model import TwinModel, build, fingerprint
-from robolamp.twin.spread import load_spread
+from robolamp.twin.arena import make_fleet
+from robolamp.twin.figure import FigureTwin
+from robolamp.twin.model import TwinModel, fingerprint
 
 CONTROLLER = "controller.toml"
 """The best controller so far, in a run's folder."""
 TASK = "task.toml"
 """The task as it is run, in a run's folder."""
-_LAMPS = 24  # at least, drawn from the spread for a run besides the calibrated one
 _JUDGED = 4  # fresh sets of cases that decide between candidates, where cases are drawn anew, and whether tuning paid
 _COUNTS = ("tried", "cached", "inherited", "stopped")
 _STREAMS = ("born", "chosen", "drawn", "tuned", "bred")
 
-MakeEvaluator = Callable[[Sequence[TwinModel], float], Evaluator]
+MakeEvaluator = Callable[[Sequence[TwinModel] | Sequence[FigureTwin], float], Evaluator]
 """Takes a run's lamps and its control period [s]."""
 
 
@@ -93,7 +95,7 @@ def evolve(
         FileError: The folder holds a run already, or cannot be written.
         RobolampError: The task asks for what cannot be: goals that do not fit, a period the physics cannot keep.
     """
-    if parse_task(task.source, len(lamp.joints), task.name) != task:
+    if parse_task(task.source, len(lamp.joints), task.name, assets) != task:
         raise ValueError(
             "a task that is not what its source says cannot be resumed: change it by load_task's overrides"
         )
@@ -113,11 +115,16 @@ def evolve(
         if seeded.control_period != task.control_period:
             periods = f"{seeded.control_period:g} s; the task's is {task.control_period:g} s"
             raise RobolampError(f"has a control period of {periods}", f"seed {seeded.name}")
+        if seeded.drive != drive_of(task):
+            raise RobolampError(
+                f"drives by {seeded.drive}; the task's drive is {drive_of(task)}", f"seed {seeded.name}"
+            )
     _refuse_taken(folder)
     run = Run(task, lamp, calibration, assets, folder, record, workers, evaluator, progress)
+    run.draw(seeds)
     with alone(folder):
         _refuse_taken(folder)
-        run.begin(seeds)
+        run.begin()
         return run.go()
 
 
@@ -211,45 +218,44 @@ class Run:
         progress: Callable[[Generation], None],
     ) -> None:
         self._began = time.perf_counter()
-        self._task, self._lamp, self._calibration, self._folder = task, lamp, calibration, folder
+        self._task, self._calibration, self._folder = task, calibration, folder
+        self._lamp = driven = driven_by(task, lamp)
         self._record, self._progress = dict(record), progress
         # One stream for each use, so that a change in one does not shift the others.
         streams = dict(zip(_STREAMS, np.random.SeedSequence(record["seed"]).spawn(len(_STREAMS)), strict=True))
         self._tuning_seed = int(streams.pop("tuned").generate_state(1)[0])
         self._rng = {name: np.random.default_rng(stream) for name, stream in streams.items()}
-        joints = len(lamp.joints)
-
-        def made(bend: Any = None) -> TwinModel:
-            return build(lamp, calibration, assets, bend, timestep=task.timestep, pole=task.pole)
-
-        lamps = [made()]
-        if task.cases.lamps > 1:
-            spread = load_spread(assets)
-            others = max(_LAMPS, task.cases.lamps - 1)
-            lamps += [made(spread.draw(self._rng["drawn"], joints)) for _ in range(others)]
+        lamps = compiled(task, lamp, calibration, assets, self._rng["drawn"])
         self._lamps = len(lamps)
         self._twin = fingerprint(lamps)
-        make = evaluator or (lambda twins, period: Fleet(twins, period, workers))
+        make = evaluator or (lambda twins, period: make_fleet(twins, period, workers))
         self._evaluator = make(lamps, task.control_period)
-        self._terminals = task.terminals(joints)
-        self._breeder = Breeder(task, self._terminals, joints)
+        self._terminals = task.terminals(len(driven.joints))
+        self._representation = represent(task, self._terminals, driven.names)
         self._trials = Trials(self._evaluator, task, self._terminals)
         self._cases = draw_cases(self._rng["drawn"], task, self._lamps)
         self._history: list[Generation] = []
         self._state = Checkpoint()
         self._memory = Memory()
 
-    def begin(self, seeds: Sequence[Controller]) -> None:
-        """Claim the folder, and draw the first generation.
+    def draw(self, seeds: Sequence[Controller]) -> None:
+        """Draw the first generation.
 
         Args:
             seeds: Controllers that it begins with.
+
+        Raises:
+            ExpressionError: One does not fit into the task's representation.
         """
-        population = [controller.expressions for controller in seeds]
-        population += self._breeder.population(self._rng["born"], self._task.gp.population - len(population))
+        own, rng = self._representation, self._rng["born"]
+        population = [own.seeded(rng, controller.expressions, f"seed {controller.name}") for controller in seeds]
+        population += own.population(rng, self._task.gp.population - len(population))
         self._state.population = population
         self._state.mothers = [-1] * len(population)
         self._state.promise = [0.0] * len(population)
+
+    def begin(self) -> None:
+        """Claim the folder for what was drawn."""
         write_record({**self._record, "twin_sha256": self._twin}, self._folder)
         write_atomic(self._folder / TASK, self._task.source)
         write_progress((), self._folder)
@@ -258,9 +264,9 @@ class Run:
     def restore(self) -> None:
         """Go back to the last checkpoint."""
         if self._record["twin_sha256"] != self._twin:
-            message = "the lamp (its description, its model, or spread.toml) is not the one the run began with"
+            message = "the lamp or figure (description, model, or spread.toml) is not the one the run began with"
             raise FileError(message, str(self._folder / RECORD))
-        self._state = state = load_checkpoint(self._folder, self._terminals)
+        self._state = state = load_checkpoint(self._folder, self._terminals, self._representation)
         self._history = read_progress(self._folder, state.lines)
         self._cases = [Case(*case) for case in state.cases]
         try:
@@ -320,11 +326,13 @@ class Run:
         phase = math.sqrt(state.generation / gp.generations)
         if task.cases.fresh:
             self._cases = draw_cases(self._rng["drawn"], task, self._lamps)
-        plan = None if last else draw_plan(self._rng["chosen"], gp)
-        mothers = [None if mother < 0 else state.parents[mother] for mother in state.mothers]
+        own = self._representation
+        plan = None if last else own.plan(self._rng["chosen"])
+        population = [own.decode(genotype) for genotype in state.population]
+        mothers = [None if mother < 0 else own.decode(state.parents[mother]) for mother in state.mothers]
         reuse = bool(self._record["reuse"])
         race = Race(
-            self._trials, self._cases, self._lamp, task.control_period, state.population, mothers, self._memory,
+            self._trials, self._cases, self._lamp, task.control_period, population, mothers, self._memory,
             reuse=reuse, record=not last and not task.cases.fresh,
         )  # fmt: skip
         tournaments = np.zeros((0, 1), np.int64) if plan is None else plan.tournaments
@@ -345,34 +353,34 @@ class Run:
             self._save(state.champion, Score.of(values[best : best + 1]))
         for name in _COUNTS:
             state.totals[name] = int(state.totals.get(name, 0)) + getattr(race.counts, name)
-        self._note("evolution", state.generation, phase, state.population, values, complete)
+        self._note("evolution", state.generation, phase, population, values, complete)
         if plan is not None:
             current = fitness(values, phase)
-            chosen = choose(self._rng["chosen"], gp, plan, values, phase)
+            elites = np.argsort(np.where(complete, current, np.inf), kind="stable")[: plan.elites]
+            chosen = np.concatenate([elites, choose(self._rng["chosen"], gp, plan, values, phase)])
             state.parents = [state.population[index] for index in chosen]
-            state.population, state.mothers = breed(
-                self._rng["bred"], self._breeder, plan, state.parents, gp.population
-            )
+            state.population, state.mothers = own.breed(self._rng["bred"], plan, state.parents, gp.population)
             state.promise = [float(current[chosen[mother]]) for mother in state.mothers]
             if not task.cases.fresh:
-                self._memory = race.remember(state.parents)
+                self._memory = race.remember([population[index] for index in chosen])
                 state.known, state.traced = self._memory.values, list(self._memory.lanes)
         state.generation += 1
 
     def _judge_candidates(self) -> None:
         """Choose between the best of each generation, which met different cases, on cases that none of them met."""
         candidates = list(dict.fromkeys(self._state.candidates))
-        score = self._trials.score(candidates, self._fresh())
+        phenotypes = [self._representation.decode(candidate) for candidate in candidates]
+        score = self._trials.score(phenotypes, self._fresh())
         best = int(np.argmin(score.main + score.style))
         self._state.champion = candidates[best]
-        self._save(candidates[best], self._trials.score([candidates[best]], self._cases))
+        self._save(candidates[best], self._trials.score([phenotypes[best]], self._cases))
 
     def _fresh(self) -> list[Case]:
         return [case for _ in range(_JUDGED) for case in draw_cases(self._rng["drawn"], self._task, self._lamps)]
 
     def _tune(self) -> None:
         state = self._state
-        assert state.champion is not None
+        champion = self._representation.decode(state.champion)
 
         def tuned_once(iteration: int, genomes: Sequence[Genome], values: NDArray[np.float64]) -> None:
             state.told.append(fitness(values, 1.0).tolist())
@@ -381,28 +389,29 @@ class Run:
             self._checkpoint()
 
         tuned = tune(
-            state.champion, self._trials, self._task, self._lamps, self._record["tuning"], self._tuning_seed,
+            champion, self._trials, self._task, self._lamps, self._record["tuning"], self._tuning_seed,
             state.told, tuned_once,
         )  # fmt: skip
-        finalists = [state.champion, *tuned]
+        finalists = [champion, *tuned]
         score = self._trials.score(finalists, self._fresh())
         best = int(np.argmin(score.main + score.style))
         if best > 0:
-            self._save(finalists[best], self._trials.score([finalists[best]], self._cases), self._record["tuning"])
+            better = self._representation.carrying(state.champion, finalists[best])
+            self._save(better, self._trials.score([finalists[best]], self._cases), self._record["tuning"])
         state.stage = "done"
         self._checkpoint()
 
     def _checkpoint(self) -> None:
         state = self._state
         state.lines = len(self._history)
-        state.cases = [(case.goal, case.lamp, case.goal_time) for case in self._cases]
+        state.cases = [(case.goal, case.lamp, case.goal_time, case.direction) for case in self._cases]
         state.rng = {name: stream.bit_generator.state for name, stream in self._rng.items()}
         state.totals |= {
             "physics_steps": self._evaluator.steps,
             "physics_s": self._trials.seconds,
             "wall_s": time.perf_counter() - self._began,
         }
-        save_checkpoint(state, self._folder)
+        save_checkpoint(state, self._folder, self._representation)
 
     def _note(
         self,
@@ -440,22 +449,26 @@ class Run:
             physics_steps=self._evaluator.steps,
             physics_s=round(self._trials.seconds, 3),
             wall_s=round(time.perf_counter() - self._began, 3),
+            adjusted_fitness=float(adjusted(own[best])),
+            normalized_fitness=float(normalized(own[complete])[np.argmin(own[complete])]),
         )
         self._history.append(entry)
         write_progress(self._history, self._folder)
         self._progress(entry)
 
-    def _save(self, champion: Genome, score: Score, tuning: int = 0) -> None:
+    def _save(self, champion: Any, score: Score, tuning: int = 0) -> None:
         """Write the controller file, with its score on the run's cases."""
         state = self._state
         state.fitness = float(score.main[0] + score.style[0])
         controller = Controller(
             name=slug(self._folder.resolve().name),
             task=self._task.name,
-            drive="position",
+            drive=drive_of(self._task),
             control_period=self._task.control_period,
-            expressions=champion,
+            expressions=self._representation.decode(champion),
             joints=self._lamp.names,
+            figure=LAMP if isinstance(self._task.figure, str) else self._task.figure.name,
+            genome=self._representation.genes(champion),
             scores={
                 "fitness": state.fitness,
                 "hits": int(score.hits[0]),

@@ -46,8 +46,26 @@ def proportionate(rng: np.random.Generator, fitness: NDArray[np.float64], count:
     Returns:
         Their indices, shape (count,).
     """
-    adjusted = 1.0 / (1.0 + _finite(fitness))
-    return rng.choice(len(fitness), size=count, p=adjusted / adjusted.sum())
+    return rng.choice(len(fitness), size=count, p=normalized(fitness))
+
+
+def adjusted(fitness: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return adjusted fitness, 1 / (1 + standardized fitness): 1 is perfect (Koza 1992, section 6.3.3).
+
+    Args:
+        fitness: Standardized fitness: 0 is perfect, lower is better, shape (population,).
+    """
+    return 1.0 / (1.0 + _finite(fitness))
+
+
+def normalized(fitness: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return normalized fitness: adjusted fitness as a share of its sum (Koza 1992, section 6.3.4).
+
+    Args:
+        fitness: Standardized fitness, shape (population,).
+    """
+    shares = adjusted(fitness)
+    return shares / shares.sum()
 
 
 def lexicase(rng: np.random.Generator, errors: NDArray[np.float64], count: int) -> NDArray[np.int64]:

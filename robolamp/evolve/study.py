@@ -1,7 +1,9 @@
-"""The convergence studies of Gritz & Hahn (1997), section 4: which runs each asks for.
+"""Studies: which runs each asks for.
 
-A study varies one parameter of genetic programming over the points of a figure of the paper; every point is run with
-the same seeds, and a seed draws the same fitness cases at every point. Studies that meet in a point share its runs.
+The convergence studies of Gritz & Hahn (1997), section 4; those of EMOT (Kwasnicka & Wozniak), section 5.1; and trees
+against genes on the hop. A study varies one parameter of the search over the points of a figure of its paper; every
+point is run with the same seeds, and a seed draws the same fitness cases at every point. Studies of one task that meet
+in a point share its runs.
 """
 
 from __future__ import annotations
@@ -14,7 +16,13 @@ from robolamp.errors import RobolampError
 from robolamp.evolve.task import Task, load_task
 
 TASK = "luxo-1997"
-"""The task of every study: the paper's tableau."""
+"""The task of the 1997 paper's studies: its tableau."""
+JUMPER = "jumper"
+"""The task of EMOT's studies: its Table 2."""
+HOP = "hop"
+"""The task on which trees and genes meet."""
+HERE = {TASK: "this lamp", JUMPER: "this Jumper", HOP: "this lamp"}
+"""What verdicts are about, by task."""
 OWN_GOAL = 0.30
 """The specific action's one goal [m]: "hopping forward 30 cm" (section 3.3)."""
 _KEYS = {
@@ -24,6 +32,8 @@ _KEYS = {
     "tournament": "gp.tournament",
     "crossover": "gp.crossover",
     "cases": "cases.count",
+    "representation": "gp.representation",
+    "head": "gp.gep.head",
 }
 
 
@@ -39,6 +49,8 @@ class Point:
         crossover: Share of a new generation made by crossover, Pc; the rest is reproduction.
         cases: Number of goals, Nfc.
         goal: The one goal of a specific action [m]; None: goals are drawn from the task's range.
+        representation: "tree" or "gep"; None: the task's.
+        head: Length of a gene's head; None: the task's.
     """
 
     population: int = 300
@@ -48,17 +60,21 @@ class Point:
     crossover: float = 0.9
     cases: int = 3
     goal: float | None = None
+    representation: str | None = None
+    head: int | None = None
 
     @property
     def name(self) -> str:
         """What its runs' folders are called, but for the seed."""
         chosen = f"tournament{self.tournament}" if self.selection == "tournament" else self.selection
         action = "" if self.goal is None else f"-at{self.goal * 100:g}cm"
-        return f"m{self.population}-g{self.generations}-{chosen}-pc{self.crossover * 100:g}-nfc{self.cases}{action}"
+        way = "" if self.representation is None else f"-{self.representation}"
+        bred = f"{way}-head{self.head}" if self.head else way or f"-pc{self.crossover * 100:g}"
+        return f"m{self.population}-g{self.generations}-{chosen}{bred}-nfc{self.cases}{action}"
 
     def overrides(self) -> list[str]:
         """Return what it changes of the task, each as KEY=VALUE."""
-        words = [f"{key}={getattr(self, name)}" for name, key in _KEYS.items()]
+        words = [f"{key}={value}" for name, key in _KEYS.items() if (value := getattr(self, name)) is not None]
         return words if self.goal is None else [*words, f"cases.low={self.goal}", f"cases.high={self.goal}"]
 
 
@@ -74,6 +90,8 @@ class Study:
         points: Its settings, by the value as typed, in the paper's order.
         small: The values that a small scale runs.
         varied: Keys of the task that are the study's own: `--set` may not change them.
+        task: Whose runs they are.
+        equal_steps: Whether runs are compared after as many physics steps, those of the shortest, not at their ends.
     """
 
     name: str
@@ -83,9 +101,13 @@ class Study:
     points: Mapping[str, Point]
     small: tuple[str, ...]
     varied: frozenset[str] = field(default=frozenset())
+    task: str = TASK
+    equal_steps: bool = False
 
 
 _ROBUST = Point(population=250, generations=30, crossover=0.8, cases=6)
+_JUMPER = Point(population=100, generations=50, cases=1, representation="gep", head=10)
+_HOP = Point(population=250, generations=30, crossover=0.8, cases=8)
 _RUN = frozenset({"gp.population", "gp.generations", "gp.crossover", "cases.count", "cases.low", "cases.high"})
 STUDIES: dict[str, Study] = {
     study.name: study
@@ -125,6 +147,25 @@ STUDIES: dict[str, Study] = {
             "distance", "The robust skill, beyond the distances it was evolved on", "section 3.6", "evolved for",
             {"robust": _ROBUST},
             ("robust",), _RUN,
+        ),
+        Study(
+            "jumper", "Runs with the paper's parameters", "Figure 5", "h", {"10": _JUMPER}, ("10",),
+            frozenset({"gp.gep.head", "gp.representation"}), JUMPER,
+        ),
+        Study(
+            "head", "Length of the head", "section 5.1", "h",
+            {str(head): replace(_JUMPER, head=head) for head in (3, 5, 10, 15, 20, 30, 50)},
+            ("3", "10", "50"), frozenset({"gp.gep.head", "gp.representation"}), JUMPER,
+        ),
+        Study(
+            "gep-population", "Population size", "section 5.1", "population",
+            {str(m): replace(_JUMPER, population=m) for m in (10, 30, 50, 70, 100, 200, 300, 500, 1000, 2000)},
+            ("10", "30", "100", "300"), frozenset({"gp.population", "gp.representation"}), JUMPER,
+        ),
+        Study(
+            "representation", "Trees against genes", "own question", "written as",
+            {name: replace(_HOP, representation=name) for name in ("tree", "gep")},
+            ("tree", "gep"), frozenset({"gp.representation"}), HOP, equal_steps=True,
         ),
     )
 }  # fmt: skip
@@ -171,9 +212,12 @@ def settled(study: Study, name: str, assets: Assets, words: Sequence[str]) -> Po
             raise RobolampError(f"{key} is what the study {study.name} varies; --points picks its values", "--set")
     point = study.points[name]
     fixed = [word for word in point.overrides() if word.partition("=")[0] in study.varied]
-    task = load_task(assets, TASK, overrides=[*point.overrides(), *words, *fixed])
+    task = load_task(assets, study.task, overrides=[*point.overrides(), *words, *fixed])
     gp = task.gp
-    return Point(gp.population, gp.generations, gp.selection, gp.tournament, gp.crossover, task.cases.count, point.goal)
+    return Point(
+        gp.population, gp.generations, gp.selection, gp.tournament, gp.crossover, task.cases.count, point.goal,
+        point.representation and gp.representation, point.head and gp.gep.head,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -193,14 +237,15 @@ class Order:
         """What its folder is called."""
         return f"{self.point.name}-s{self.seed}"
 
-    def task(self, assets: Assets, words: Sequence[str]) -> Task:
+    def task(self, assets: Assets, words: Sequence[str], name: str = TASK) -> Task:
         """Return its task.
 
         Args:
-            assets: Where the paper's task is.
+            assets: Where tasks are.
             words: What `--set` changes of it.
+            name: The task of its study.
         """
-        return load_task(assets, TASK, overrides=[*words, *self.point.overrides()])
+        return load_task(assets, name, overrides=[*words, *self.point.overrides()])
 
 
 def orders(points: Iterable[Point], seeds: int) -> list[Order]:

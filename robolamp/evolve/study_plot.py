@@ -43,17 +43,17 @@ def curves_picture(study: Study, found: Mapping[str, Mapping[int, Curve]]) -> by
         found: Finished runs by point and seed.
     """
     with rc_context(_STYLE):
-        figure, axes = _figure(f"{study.title} (redraws {study.source})", found)
+        figure, axes = _figure(f"{study.title} ({'' if study.equal_steps else 'redraws '}{study.source})", found)
         colours = _colours([name for name in found if found[name]])
         tops: list[float] = []
         for panel, attribute, title in ((axes[0], "as_run", "as run"), (axes[1], "whole", "again at phase 1")):
             for name, colour in colours.items():
                 runs = list(found[name].values())
-                individuals = runs[0].individuals
+                individuals = runs[0].physics_steps / 1e6 if study.equal_steps else runs[0].individuals
                 values = np.stack([getattr(curve, attribute) for curve in runs])
                 _band(panel, individuals, values, colour, name)
                 tops.append(values.max())
-            _fitness_axes(panel, title)
+            _fitness_axes(panel, title, "physics steps [M]" if study.equal_steps else "individuals examined")
         # A run that nothing can be made of is scored with a huge number: it must not flatten the others.
         for panel in axes:
             panel.set_ylim(0.0, 1.05 * max(min(max(tops, default=1.0), 3.0), _GOOD))
@@ -123,9 +123,9 @@ def _band(axes: Axes, x: NDArray[Any], values: NDArray[np.float64], colour: Any,
     axes.plot(x[-1:], mean[-1:], "o", color=colour, markersize=4)
 
 
-def _fitness_axes(axes: Axes, title: str) -> None:
+def _fitness_axes(axes: Axes, title: str, label: str) -> None:
     axes.set_title(title, fontsize=11)
-    axes.set_xlabel("individuals examined")
+    axes.set_xlabel(label)
     axes.axhline(_GOOD, color="0.4", linewidth=1.0, linestyle="--")
     axes.set_xlim(0, None)
 

@@ -15,10 +15,10 @@ import numpy as np
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration
 from robolamp.controller.file import load_controller
-from robolamp.evolve import claims
+from robolamp.evolve import claims, claims_gep
 from robolamp.evolve.claims import Verdict
 from robolamp.evolve.machine import machine
-from robolamp.evolve.study import STUDIES, TASK, Order, Point, Study
+from robolamp.evolve.study import HERE, HOP, JUMPER, STUDIES, TASK, Order, Point, Study
 from robolamp.evolve.study_goals import Tried, try_goals
 from robolamp.evolve.study_plot import curves_picture, goals_picture
 from robolamp.evolve.study_runs import Curve, Scale, Shelf
@@ -26,18 +26,34 @@ from robolamp.files import write_atomic
 from robolamp.lamp import Lamp
 
 _VERSIONS = ("robolamp", "mujoco", "numpy", "numba")
-_INTRODUCTION = """\
+_INTRODUCTIONS = {
+    TASK: """\
 # Convergence studies
 
 Section 4 of Gritz & Hahn, "Genetic Programming Evolution of Controllers for 3-D Character Animation" (1997), run again
 on this lamp. `robolamp study` wrote this page from the folder of runs and writes it again from there; `make studies`
 runs everything at the paper's own points.
-"""
+""",
+    JUMPER: """\
+# Studies of gene expression programming
+
+Section 5.1 of Kwasnicka & Wozniak, "EMOT - Evolutionary Approach to 3D Computer Animation", run again on this project's
+Jumper. `robolamp study` wrote this page from the folder of runs and writes it again from there.
+""",
+    HOP: """\
+# Trees against genes
+
+The two representations on the hop, with the same task, seeds, goals and lamps. `robolamp study` wrote this page from
+the folder of runs and writes it again from there.
+""",
+}
+_FITNESS_RULES = claims.FITNESS_RULES | claims_gep.FITNESS_RULES
+_GRID = 60  # points of a curve over physics steps
 _METHOD = f"""\
 ## How to read it
 
-Fitness is lower where better; the paper says that motion looked good below 0.5 (dashed). Left, "as run": the best of
-each generation, its style counted by the phase of that generation, as the paper draws it. Right: the same individual
+Fitness is lower where better; Gritz & Hahn say that motion looked good below 0.5 (dashed). Left, "as run": the best of
+each generation, its style counted by the phase of that generation, as the papers draw it. Right: the same individual
 with its style counted in full. Lines are means over seeds, bands go from the smallest to the largest. All points of a
 study have the same seeds, and a seed has the same goals everywhere.
 
@@ -119,12 +135,19 @@ class Reporter:
         runs = {name: self._shelf.curves(point) for name, point in settled.items()}
         missing = [name for name, curves in runs.items() if not curves]
         runs = {name: curves for name, curves in runs.items() if curves}
-        if study.name in claims.FITNESS_RULES:
-            rule = claims.FITNESS_RULES[study.name]
-            finals = {name: [curve.final for curve in curves.values()] for name, curves in runs.items()}
-            picture = curves_picture(study, runs) if runs else None
+        compared = _after_equal_steps(runs) if study.equal_steps else runs
+        picture = curves_picture(study, compared) if runs and study.name not in claims.GOAL_RULES else None
+        if study.name in _FITNESS_RULES:
+            rule = _FITNESS_RULES[study.name]
+            finals = {name: [curve.final for curve in curves.values()] for name, curves in compared.items()}
             return _Section(
-                study, picture, _curve_rows(runs), _curve_table(study, runs), rule(finals), _rule(rule), missing
+                study, picture, _curve_rows(runs), _curve_table(study, compared), rule(finals), _rule(rule), missing
+            )
+        if study.name in claims_gep.SUCCESS_RULES:
+            rule = claims_gep.SUCCESS_RULES[study.name]
+            succeeded = {name: [curve.succeeded for curve in curves.values()] for name, curves in runs.items()}
+            return _Section(
+                study, picture, _curve_rows(runs), _curve_table(study, runs), rule(succeeded), _rule(rule), missing
             )
         tried = {name: self._tried(study, settled[name], list(curves)) for name, curves in runs.items()}
         rule = claims.GOAL_RULES[study.name]
@@ -138,7 +161,7 @@ class Reporter:
         champions = [
             load_controller(self._shelf.path(Order(point, seed)) / "controller.toml", self._lamp) for seed in seeds
         ]
-        task = Order(point, seeds[0]).task(self._assets, self._scale.settings)
+        task = Order(point, seeds[0]).task(self._assets, self._scale.settings, study.task)
         found = try_goals(
             champions, task, self._lamp, self._calibration, self._assets,
             beyond=study.name == "distance", workers=self._workers,
@@ -149,17 +172,27 @@ class Reporter:
         settings = ", ".join(f"`{word}`" for word in self._scale.settings)
         versions = ", ".join(f"{name} {text}" for name, text in machine().items() if name in _VERSIONS)
         scale = (
-            f"Task `{TASK}`" + (f" with {settings}" if settings else " as it stands") + f", calibration"
+            f"Task `{self._shelf.task}`" + (f" with {settings}" if settings else " as it stands") + f", calibration"
             f" `{self._scale.calibration}`; {versions}. The command, which goes on where it was stopped:\n\n"
             f"```\n{command}\n```\n"
         )
         verdicts = [(section, verdict) for section in sections for verdict in section.verdicts]
-        summary = ["| the paper | this lamp |", "| --- | --- |"]
+        summary = [f"| the claim | {HERE[self._shelf.task]} |", "| --- | --- |"]
         summary += [
             f"| {verdict.claim} ({section.study.source}) | {verdict.verdict} |" for section, verdict in verdicts
         ]
-        parts = [_INTRODUCTION, scale, "\n".join(summary) + "\n", _METHOD]
+        parts = [_INTRODUCTIONS[self._shelf.task], scale, "\n".join(summary) + "\n", _METHOD]
         return "\n".join([*parts, *(_told(section, data) for section in sections)])
+
+
+def _after_equal_steps(runs: Mapping[str, Mapping[int, Curve]]) -> dict[str, dict[int, Curve]]:
+    """Cut runs at the physics steps of the shortest, and put their courses on one grid of steps."""
+    every = [curve for curves in runs.values() for curve in curves.values()]
+    if not every:
+        return {}
+    first, last = max(curve.physics_steps[0] for curve in every), min(curve.physics_steps[-1] for curve in every)
+    grid = np.linspace(first, max(first, last), _GRID).astype(np.int64)
+    return {name: {seed: curve.after(grid) for seed, curve in curves.items()} for name, curves in runs.items()}
 
 
 def _told(section: _Section, data: str) -> str:
@@ -171,7 +204,10 @@ def _told(section: _Section, data: str) -> str:
     if section.missing:
         lines += [f"Not run here: {study.axis} {', '.join(section.missing)}.", ""]
     for verdict in section.verdicts:
-        lines += [f"**{verdict.claim}** This lamp: **{verdict.verdict}**. {_sentence(verdict.figures)}", ""]
+        lines += [
+            f"**{verdict.claim}** {_sentence(HERE[study.task])}: **{verdict.verdict}**. {_sentence(verdict.figures)}",
+            "",
+        ]
     return "\n".join([*lines, section.rule, ""])
 
 

@@ -9,7 +9,7 @@ import shutil
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +18,19 @@ from numpy.typing import NDArray
 
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration
+from robolamp.controller.file import load_controller
 from robolamp.errors import FileError
 from robolamp.evolve.checkpoint import NAME as CHECKPOINT
+from robolamp.evolve.figures import compiled
 from robolamp.evolve.progress import Generation
 from robolamp.evolve.run import evolve, resume
 from robolamp.evolve.study import TASK, Order, Point
 from robolamp.evolve.task import load_task
-from robolamp.files import alone, read_text, write_atomic
+from robolamp.files import alone, read_text, read_toml, write_atomic
 from robolamp.lamp import Lamp
-from robolamp.twin.model import build, fingerprint
+from robolamp.twin.model import fingerprint
 
+_CONTROLLERS = "sim/lamp/controllers"  # what a task's seeds may be names of: only the lamp's tasks have any
 _COLUMNS = ("individuals", "best_fitness", "best_whole", "champion_fitness", "physics_steps")
 
 
@@ -41,6 +44,7 @@ class Curve:
         whole: Fitness of the same individual at phase 1.
         champion: Best fitness at phase 1 so far in the run: of the controller that it leaves.
         physics_steps: Simulated steps so far.
+        succeeded: Whether that controller hits all its cases.
     """
 
     individuals: NDArray[np.int64]
@@ -48,6 +52,16 @@ class Curve:
     whole: NDArray[np.float64]
     champion: NDArray[np.float64]
     physics_steps: NDArray[np.int64]
+    succeeded: bool = False
+
+    def after(self, steps: NDArray[np.int64]) -> Curve:
+        """Return what was known after so many physics steps: the course at generations that were then done.
+
+        Args:
+            steps: Ascending, none before the end of the first generation, shape (k,).
+        """
+        at = np.searchsorted(self.physics_steps, steps, side="right") - 1
+        return Curve(self.individuals[at], self.as_run[at], self.whole[at], self.champion[at], steps, self.succeeded)
 
     @property
     def final(self) -> float:
@@ -70,19 +84,27 @@ class Scale:
     inputs: Mapping[str, Any]
 
     @classmethod
-    def of(cls, assets: Assets, lamp: Lamp, calibration: Calibration, words: Sequence[str]) -> Scale:
+    def of(cls, assets: Assets, lamp: Lamp, calibration: Calibration, words: Sequence[str], task: str = TASK) -> Scale:
         """Return the scale of runs to be made; of a key that is set twice the last value counts.
+
+        Args:
+            assets: Where data files are.
+            lamp: The lamp.
+            calibration: The twin's numbers.
+            words: What `--set` changes of the task, each as KEY=VALUE.
+            task: The studies' task.
 
         Raises:
             RobolampError: No task comes of the words, or no model of the lamp.
         """
         settings = tuple(sorted({word.partition("=")[0].strip(): word for word in words}.values()))
-        task = load_task(assets, TASK, overrides=settings)
-        twin = build(lamp, calibration, assets, timestep=task.timestep)
+        loaded = load_task(assets, task, overrides=settings)
+        own = replace(loaded, cases=replace(loaded.cases, lamps=1))  # the calibrated lamp stands for the others
+        twins = compiled(own, lamp, calibration, assets, np.random.default_rng(0))
         inputs = {
-            "task": tomllib.loads(task.source),
+            "task": tomllib.loads(loaded.source),
             "calibration_sha256": calibration.hash,
-            "lamp_sha256": fingerprint([twin]),
+            "lamp_sha256": fingerprint(twins),
         }
         return cls(settings, calibration.name, inputs)
 
@@ -93,12 +115,15 @@ class Shelf:
     Attributes:
         runs: The folder that holds a folder for each run.
 
+        task: Whose runs they are.
+
     Args:
         folder: As typed; the runs are in a folder of it that is named after their task.
+        task: The studies' task.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.runs = folder / TASK
+    def __init__(self, folder: Path, task: str = TASK) -> None:
+        self.task, self.runs = task, folder / task
         self._scale = self.runs / "scale.json"
 
     def scale(self) -> Scale | None:
@@ -134,7 +159,7 @@ class Shelf:
         before = self.scale()
         if before is None or before == scale:
             return
-        what = "another luxo-1997.toml, calibration or lamp"
+        what = f"another {self.task}.toml, calibration or lamp"
         if before.settings != scale.settings:
             old, new = (" ".join(each.settings) or "(nothing)" for each in (before, scale))
             what = f"--set {old}, not {new}"
@@ -177,7 +202,8 @@ class Shelf:
         if stage != "done":
             return None
         individuals, as_run, whole, champion, steps = np.array(_entries(path / "progress.jsonl"), np.float64).T
-        return Curve(individuals.astype(np.int64), as_run, whole, champion, steps.astype(np.int64))
+        succeeded = _succeeded(path / "controller.toml")
+        return Curve(individuals.astype(np.int64), as_run, whole, champion, steps.astype(np.int64), succeeded)
 
     def curves(self, point: Point) -> dict[int, Curve]:
         """Return the courses of a point's finished runs by seed, ascending.
@@ -224,14 +250,20 @@ def carry_out(
         return
     if folder.exists():  # stopped before its first checkpoint: nothing was simulated yet
         shutil.rmtree(folder)
-    words = ["robolamp", "evolve", TASK, "-o", order.name, "--seed", str(order.seed)]
+    words = ["robolamp", "evolve", shelf.task, "-o", order.name, "--seed", str(order.seed)]
     for setting in (*scale.settings, *order.point.overrides()):
         words += ["--set", setting]
-    task = order.task(assets, scale.settings)
+    task = order.task(assets, scale.settings, shelf.task)
+    seeds = [load_controller(assets.named(name, _CONTROLLERS, "controller"), lamp) for name in task.seeds]
     evolve(
-        task, lamp, calibration, assets, folder,
-        seed=order.seed, workers=workers, command=shlex.join(words), progress=progress,
+        task, lamp, calibration, assets, folder, seed=order.seed, workers=workers,
+        seeds=seeds[: task.gp.population], command=shlex.join(words), progress=progress,
     )  # fmt: skip
+
+
+def _succeeded(path: Path) -> bool:
+    scores = read_toml(path).get("scores", {})
+    return bool(scores.get("cases")) and scores.get("hits") == scores["cases"]
 
 
 def _entries(path: Path) -> list[list[float]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 import tomllib
 from collections.abc import Mapping, MutableMapping, Sequence
 from dataclasses import dataclass
@@ -12,19 +14,23 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from robolamp.assets import Assets
-from robolamp.controller.terminals import all_terminals, on_board_terminals
+from robolamp.controller.terminals import all_terminals, figure_terminals, on_board_terminals
 from robolamp.errors import FileError, RobolampError
-from robolamp.evolve.fitness import NEEDS, terms
+from robolamp.evolve.fitness import NEEDS, terms, terms_of
+from robolamp.evolve.gep_settings import GepSettings, read_gep
+from robolamp.figure import DRIVES, LAMP, POINT, Figure, figures, load_figure
 from robolamp.files import Table, read_text
+from robolamp.twin.figure import World
 from robolamp.twin.model import Pole
 from robolamp.twin.poses import KeyPose
 
-FIGURES = ("lamp",)
-"""What may be evolved: a folder of sim/."""
+REPRESENTATIONS = ("tree", "gep")
+"""Ways to write an individual down: trees (Koza), or genes (Ferreira); see `robolamp.evolve.representation`."""
 SELECTIONS = ("tournament", "proportionate", "lexicase", "pareto")
 """Ways to choose parents; see `robolamp.evolve.selection`."""
 TUNED = ("mean", "best")
 """What tuning may choose from; see `robolamp.evolve.tune`."""
+_CROSSOVER, _DEPTH_AT_BIRTH, _DEPTH = 0.9, (2.0, 6.0), 17  # of trees, unless given (Koza 1992, Table 27.1)
 _SIGNALS = ("on-board", "all")
 
 
@@ -40,6 +46,7 @@ class Cases:
         lamps: How many lamps each is tried on: the calibrated one, and others drawn from the spread.
         fresh: Drawn anew each generation, instead of once a run.
         goal_time: Smallest and largest time commanded for the way [s]; None: none is.
+        direction: Smallest and largest direction of a figure's goals, from x towards y [rad]; the lamp's are ahead.
     """
 
     count: int
@@ -49,6 +56,7 @@ class Cases:
     lamps: int
     fresh: bool
     goal_time: tuple[float, float] | None
+    direction: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -56,6 +64,7 @@ class Settings:
     """Parameters of genetic programming (Koza 1992, Table 27.1; Gritz & Hahn 1997, Table 1).
 
     Attributes:
+        representation: One of `REPRESENTATIONS`; shares, depths and nodes are for trees, `gep` is for genes.
         population: Individuals a generation (M).
         generations: Generations (G).
         selection: How parents are chosen, one of `SELECTIONS`.
@@ -71,8 +80,10 @@ class Settings:
         screening: Share of the individuals that is tried on all cases; the others are the worst on a sixth of them, or
             on a third (in each generation other ones). 1: all are.
         tuned: What tuning of constants chooses from: the "mean" of its search, or also the "best" it tried.
+        gep: Parameters of gene expression programming.
     """
 
+    representation: str
     population: int
     generations: int
     selection: str
@@ -87,6 +98,7 @@ class Settings:
     early_stop: bool
     screening: float
     tuned: str
+    gep: GepSettings
 
 
 @dataclass(frozen=True)
@@ -95,7 +107,7 @@ class Task:
 
     Attributes:
         name: The task's name.
-        figure: What is evolved, one of `FIGURES`.
+        figure: What is evolved: "lamp", or the description of another figure, driven as the task asks.
         control_period: Time between evaluations of a controller [s].
         timestep: Physics step [s]; None: the model's own.
         duration: Length of a trial [s].
@@ -105,6 +117,7 @@ class Task:
         cases: Which goals.
         pole: A limbo pole on the way, or None.
         poses: Poses to be in at given times, for the term `pose`.
+        world: What the task changes of a figure and of the body at its goal.
         main: Weights of the main fitness terms.
         style: Weights of the style terms, phased in over the run.
         gp: Parameters of genetic programming.
@@ -112,7 +125,7 @@ class Task:
     """
 
     name: str
-    figure: str
+    figure: str | Figure
     control_period: float
     timestep: float | None
     duration: float
@@ -122,6 +135,7 @@ class Task:
     cases: Cases
     pole: Pole | None
     poses: tuple[KeyPose, ...]
+    world: World
     main: Mapping[str, float]
     style: Mapping[str, float]
     gp: Settings
@@ -131,16 +145,21 @@ class Task:
         """Return the terminals a controller for this task may read."""
         if isinstance(self.signals, tuple):
             return self.signals
+        if isinstance(self.figure, Figure):
+            return figure_terminals(self.figure)
         supplied = on_board_terminals(joints) if self.signals == "on-board" else all_terminals(joints)
         return tuple(name for name in supplied if name != "goal_time" or self.cases.goal_time)
 
 
-def _weights(table: Table, present: Mapping[str, bool]) -> dict[str, float]:
-    known = terms()
+def _weights(table: Table, figure: str | Figure, present: Mapping[str, bool]) -> dict[str, float]:
+    known, own = terms(), terms_of(LAMP if isinstance(figure, str) else figure.name)
     weights = {}
     for name in table.names():
-        if name not in known:
-            raise table.fail(name, f"unknown fitness term; expected one of {', '.join(known)}")
+        if name not in own:
+            kind = "unknown fitness term"
+            if name in known:
+                kind = f"is no term of {figure if isinstance(figure, str) else figure.name}'s"
+            raise table.fail(name, f"{kind}; expected one of {', '.join(own)}")
         if not present.get(NEEDS.get(name, ""), True):
             raise table.fail(name, f"needs {NEEDS[name]}, which the task does not give")
         weights[name] = table.number(name, 0.0, 1000.0)
@@ -162,14 +181,19 @@ def _names(table: Table, key: str) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _signals(root: Table, joints: int) -> str | tuple[str, ...]:
-    value = root.raw().get("signals")
+def _signals(root: Table, value: object, figure: str | Figure, joints: int) -> str | tuple[str, ...]:
+    words = _SIGNALS if isinstance(figure, str) else ("all",)
     if not isinstance(value, list):
-        return root.text("signals", _SIGNALS)
-    known = all_terminals(joints)
+        return root.text("signals", words)
+    value = root.array("signals")
+    known = all_terminals(joints) if isinstance(figure, str) else figure_terminals(figure)
     for name in value:
+        if isinstance(figure, Figure) and isinstance(name, str) and re.fullmatch(r"k\d+", name) and name not in known:
+            have = f"{len(figure.names)} joints, k0 to k{len(figure.names) - 1} ({', '.join(figure.names)})"
+            raise root.fail("signals", f"{name!r}: {figure.name} has {have}")
         if name not in known:
-            raise root.fail("signals", f"unknown {name!r}; expected some of {' '.join(known)}, or on-board, or all")
+            expected = f"some of {' '.join(known)}, or {', or '.join(words)}"
+            raise root.fail("signals", f"unknown {name!r}; expected {expected}")
     if not value or len(set(value)) < len(value):
         raise root.fail("signals", f"{value!r} is not a list of different terminals")
     return tuple(value)
@@ -187,16 +211,56 @@ def _poses(root: Table, joints: int, duration: float) -> tuple[KeyPose, ...]:
     return tuple(poses)
 
 
-def _cases(table: Table) -> Cases:
+def _directions(table: Table) -> tuple[float, float]:
+    values = table.array("direction", default=[0.0, 0.0])
+    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+    if len(values) != 2 or not numbers or not -math.pi - 1e-3 <= values[0] <= values[1] <= math.pi + 1e-3:
+        raise table.fail("direction", f"{values!r} is not two directions from -pi to pi, the smaller first")
+    return float(values[0]), float(values[1])
+
+
+def _world(root: Table, figure: Figure) -> World:
+    if "world" not in root:
+        return World()
+    table = root.table("world")
+    if "goal_mass" in table and figure.goal == POINT:
+        raise table.fail("goal_mass", f"no body stands at the goal of {figure.name}: it is a point")
+    world = World(
+        strength=table.number("strength", 0.01, 100.0, default=1.0),
+        mass=table.number("mass", 0.01, 100.0, default=1.0),
+        goal_mass=table.number("goal_mass", 0.001, 10_000.0, "kg", default=None),
+    )
+    table.done()
+    return world
+
+
+def _figure(root: Table, assets: Assets) -> str | Figure:
+    name = root.text("figure", (LAMP, *figures(assets)), default=LAMP)
+    if name == LAMP:
+        root.text("drive", ("position",), default="position")
+        return name
+    figure = load_figure(assets, name, root.text("drive", DRIVES, default=None))
+    for key in ("pole", "poses"):
+        if key in root:
+            raise root.fail(key, f"is for the lamp alone; the task's figure is {name}")
+    return figure
+
+
+def _cases(table: Table, figure: str | Figure) -> Cases:
+    if isinstance(figure, str) and "direction" in table:
+        raise table.fail("direction", "is for other figures; the lamp's goals are ahead")
+    if isinstance(figure, Figure) and "goal_time" in table:
+        raise table.fail("goal_time", f"is for the lamp alone; the task's figure is {figure.name}")
     low = table.number("low", 0.001, 100.0, "m")
     cases = Cases(
         count=table.integer("count", 1, 1000),
         low=low,
         high=table.number("high", low, 100.0, "m"),
         spacing=table.number("spacing", 0.0, 100.0, "m"),
-        lamps=table.integer("lamps", 1, 1000),
+        lamps=table.integer("lamps", 1, 1000) if isinstance(figure, str) else table.integer("lamps", 1, 1, default=1),
         fresh=table.flag("fresh", default=False),
         goal_time=_pair(table, "goal_time", 0.1, 600.0) if "goal_time" in table else None,
+        direction=_directions(table),
     )
     table.done()
     return cases
@@ -206,21 +270,23 @@ def _settings(table: Table) -> Settings:
     shares: dict[str, float] = {}
     for name in ("crossover", "subtree_mutation", "point_mutation", "constant_mutation"):
         left = round(1.0 - sum(shares.values()), 12)
-        shares[name] = table.number(name, 0.0, left, default=... if name == "crossover" else 0.0)
-    shortest, tallest = _pair(table, "depth_at_birth", 1, 17)
-    if not shortest.is_integer() or not tallest.is_integer():
+        shares[name] = table.number(name, 0.0, left, default=_CROSSOVER if name == "crossover" else 0.0)
+    shortest, tallest = _pair(table, "depth_at_birth", 1, 17) if "depth_at_birth" in table else _DEPTH_AT_BIRTH
+    if not float(shortest).is_integer() or not float(tallest).is_integer():
         raise table.fail("depth_at_birth", f"[{shortest:g}, {tallest:g}] is not two whole numbers")
     settings = Settings(
+        representation=table.text("representation", REPRESENTATIONS, default="tree"),
         population=table.integer("population", 1, 100_000),
         generations=table.integer("generations", 1, 100_000),
         selection=table.text("selection", SELECTIONS, default="tournament"),
         tournament=table.integer("tournament", 1, 1000, default=6),
         depth_at_birth=(int(shortest), int(tallest)),
-        depth=table.integer("depth", int(tallest), 100),
+        depth=table.integer("depth", int(tallest), 100, default=max(_DEPTH, int(tallest))),
         nodes=table.integer("nodes", 10, 100_000, default=1000),
         early_stop=table.flag("early_stop", default=True),
         screening=table.number("screening", 0.01, 1.0, default=1.0),
         tuned=table.text("tuned", TUNED, default="mean"),
+        gep=read_gep(table.table("gep", default={})),
         **shares,
     )
     table.done()
@@ -256,7 +322,7 @@ def load_task(assets: Assets, name: str | Path, joints: int = 3, overrides: Sequ
     Args:
         assets: Where to look.
         name: A path, or the name of a file in sim/tasks/.
-        joints: Joints of the figure.
+        joints: Joints of the lamp.
         overrides: Keys to set, each as KEY=VALUE (`gp.population=100`), before the file is checked.
 
     Raises:
@@ -273,18 +339,20 @@ def load_task(assets: Assets, name: str | Path, joints: int = 3, overrides: Sequ
             source = tomlkit.dumps(document)
     except (ValueError, RecursionError, TOMLKitError) as error:
         raise FileError(f"not valid TOML: {error}", str(path)) from None
-    return parse_task(source, joints, str(path))
+    return parse_task(source, joints, str(path), assets)
 
 
-def parse_task(source: str, joints: int, where: str) -> Task:
+def parse_task(source: str, joints: int, where: str, assets: Assets) -> Task:
     """Read the text of a task file; see `load_task`."""
     try:
-        root = Table(tomllib.loads(source), where)
+        data = tomllib.loads(source)
     except (ValueError, RecursionError) as error:
         raise FileError(f"not valid TOML: {error}", where) from None
+    root = Table(data, where)
     root.integer("schema", 1, 1)
     duration = root.number("duration", 0.1, 600.0, "s")
-    cases = _cases(root.table("cases"))
+    figure = _figure(root, assets)
+    cases = _cases(root.table("cases"), figure)
     pole = None
     if "pole" in root:
         table = root.table("pole")
@@ -294,18 +362,19 @@ def parse_task(source: str, joints: int, where: str) -> Task:
     present = {"[pole]": pole is not None, "[[poses]]": bool(poses), "cases.goal_time": cases.goal_time is not None}
     task = Task(
         name=root.text("name"),
-        figure=root.text("figure", FIGURES, default="lamp"),
+        figure=figure,
         control_period=root.number("control_period", 0.002, 0.1, "s"),
         timestep=root.number("timestep", 0.0005, 0.01, "s", default=None),
         duration=duration,
-        signals=_signals(root, joints),
+        signals=_signals(root, data.get("signals"), figure, joints),
         constants=_pair(root, "constants", -1e6, 1e6),
         seeds=_names(root, "seeds"),
         cases=cases,
         pole=pole,
         poses=poses,
-        main=_weights(root.table("main"), present),
-        style=_weights(root.table("style"), present),
+        world=World() if isinstance(figure, str) else _world(root, figure),
+        main=_weights(root.table("main"), figure, present),
+        style=_weights(root.table("style"), figure, present),
         gp=_settings(root.table("gp")),
         source=source,
     )

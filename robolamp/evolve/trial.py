@@ -11,14 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.controller.program import Program, compile_program
-from robolamp.evolve.cases import poisson_disk
+from robolamp.evolve.cases import poisson_disk, poisson_disk_plane
 from robolamp.evolve.fitness import weighted
 from robolamp.evolve.task import Task
 from robolamp.evolve.tree import Genome
+from robolamp.figure import Figure
 from robolamp.twin.fleet import Job
 from robolamp.twin.judge import Outcome
 from robolamp.twin.poses import KeyPose
 from robolamp.twin.trace import Trace
+from robolamp.twin.verdict import FigureOutcome
 
 _LANES_AT_ONCE = 6000  # about 67 MB of simulation state
 _TRACE_AT_ONCE = 250e6  # bytes of what controllers saw and sent
@@ -42,7 +44,7 @@ class Evaluator(Protocol):
         *,
         poses: Sequence[KeyPose] = (),
         record: bool = False,
-    ) -> Outcome:
+    ) -> Outcome | FigureOutcome:
         """Run every job to its end; see `robolamp.twin.fleet.Fleet.run`."""
         ...
 
@@ -55,11 +57,13 @@ class Case:
         goal: [m].
         lamp: Index of the fleet's lamp.
         goal_time: Time commanded for the way [s]; 0: none is.
+        direction: Of a figure's goal, from x towards y [rad]; the lamp's are ahead.
     """
 
     goal: float
     lamp: int
     goal_time: float = 0.0
+    direction: float = 0.0
 
 
 def draw_cases(rng: np.random.Generator, task: Task, lamps: int) -> list[Case]:
@@ -70,6 +74,11 @@ def draw_cases(rng: np.random.Generator, task: Task, lamps: int) -> list[Case]:
         task: How many goals, where, on how many lamps.
         lamps: Lamps of the fleet; the first is the calibrated one.
     """
+    if isinstance(task.figure, Figure):
+        plane = poisson_disk_plane(
+            rng, task.cases.count, (task.cases.low, task.cases.high), task.cases.direction, task.cases.spacing
+        )
+        return [Case(float(goal), 0, direction=float(direction)) for goal, direction in plane]
     goals = poisson_disk(rng, task.cases.count, task.cases.low, task.cases.high, task.cases.spacing)
     cases = []
     for goal in goals:
@@ -169,7 +178,7 @@ class Trials:
             used, index = np.unique(pairs[part, 0], return_inverse=True)
             programs = [self.program(genomes[genome]) for genome in used]
             jobs = [
-                Job(int(program), cases[case].lamp, cases[case].goal, cases[case].goal_time)
+                Job(int(program), cases[case].lamp, cases[case].goal, cases[case].goal_time, cases[case].direction)
                 for program, case in zip(index, pairs[part, 1], strict=True)
             ]
             outcome = self.evaluator.run(programs, jobs, task.duration, poses=task.poses, record=record)

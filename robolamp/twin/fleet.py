@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -23,6 +22,7 @@ from robolamp.controller.terminals import TWIN_ONLY, SignalLimits, Signals
 from robolamp.errors import RobolampError
 from robolamp.twin.body import Body
 from robolamp.twin.judge import Judge, Outcome
+from robolamp.twin.lanes import deal
 from robolamp.twin.model import TwinModel
 from robolamp.twin.poses import KeyPose, PoseErrors
 from robolamp.twin.sensors import measure_angle, measure_force
@@ -45,12 +45,14 @@ class Job:
         variant: Index of the lamp.
         goal: Commanded distance [m].
         goal_time: Commanded time to take for it [s]; 0: none is commanded.
+        direction: Of the goal, from x towards y [rad]; the lamp's is always ahead.
     """
 
     program: int
     variant: int
     goal: float
     goal_time: float = 0.0
+    direction: float = 0.0
 
 
 def settle(twin: TwinModel) -> NDArray[np.float64]:
@@ -240,9 +242,6 @@ class Fleet:
         if record:
             ticks, joints = round(duration / self.period), len(self.twins[0].lamp.joints)
             trace = Trace.blank(len(jobs), ticks, len(compiled.terminals), joints)
-        # Dealt out in turn: neighbours are often of one program, and fall, or do not, together.
-        count = min(self.workers, len(jobs))
-        shares = [slice(first, None, count) for first in range(count)]
 
         def work(share: slice) -> tuple[Outcome, int]:
             shard = _Shard(self.twins, self._states, self._differing, variant[share], self.period)
@@ -250,11 +249,6 @@ class Fleet:
             outcome = shard.run(compiled, program[share], goal[share], goal_time[share], duration, poses, own)
             return outcome, shard.steps
 
-        if len(shares) == 1:
-            results = [work(shares[0])]
-        else:
-            with ThreadPoolExecutor(len(shares)) as pool:
-                results = list(pool.map(work, shares))
-        self.steps += sum(steps for _, steps in results)
-        dealt = np.concatenate([np.arange(len(jobs))[share] for share in shares])
-        return replace(Outcome.join([outcome for outcome, _ in results]).take(np.argsort(dealt)), trace=trace)
+        outcome, steps = deal(len(jobs), self.workers, work)
+        self.steps += steps
+        return replace(outcome, trace=trace)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from robolamp.twin.lanes import Lanes
 from robolamp.twin.model import TwinModel
 from robolamp.twin.trace import Trace
 
@@ -115,7 +115,7 @@ def _judge(
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Outcome(Lanes):
     """What each lane's lamp did; every array has shape (lanes,).
 
     Attributes:
@@ -163,21 +163,6 @@ class Outcome:
     unstable: NDArray[np.bool_]
     interventions: NDArray[np.int64]
     trace: Trace | None = None
-
-    @classmethod
-    def join(cls, outcomes: Sequence[Outcome]) -> Outcome:
-        """Return the lanes of all outcomes, one after the other; their traces, too, if all have one."""
-        names = [item.name for item in fields(cls) if item.name != "trace"]
-        traces = [outcome.trace for outcome in outcomes if outcome.trace is not None]
-        return cls(
-            **{name: np.concatenate([getattr(outcome, name) for outcome in outcomes]) for name in names},
-            trace=Trace.join(traces) if len(traces) == len(outcomes) else None,
-        )
-
-    def take(self, lanes: NDArray[np.int64]) -> Outcome:
-        """Return some lanes, in that order, without their traces."""
-        names = [item.name for item in fields(self) if item.name != "trace"]
-        return replace(self, **{name: getattr(self, name)[lanes] for name in names}, trace=None)
 
     @property
     def fallen(self) -> NDArray[np.bool_]:

@@ -6,6 +6,7 @@ import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -103,8 +104,13 @@ class TwinModel:
         """Physics step [s]."""
         return float(self.model.opt.timestep)
 
+    @property
+    def source(self) -> str:
+        """The text of the lamp's description."""
+        return self.lamp.source
 
-def _quiet() -> None:
+
+def quiet() -> None:
     """Keep MuJoCo from writing MUJOCO_LOG.TXT into the working directory: its warning counters tell us the same."""
     config = mujoco.MjLogConfig.get()
     config.logto_file = False
@@ -171,7 +177,7 @@ def build(
         FileError: The model does not load, or lacks a joint, actuator, sensor or site that the lamp needs.
     """
     bend = bend or Bend()
-    _quiet()
+    quiet()
     path = assets.path(lamp.model)
     try:
         spec = mujoco.MjSpec.from_file(str(path))
@@ -227,12 +233,26 @@ def build(
     )
 
 
-def fingerprint(twins: Sequence[TwinModel]) -> str:
-    """Return the SHA-256 of lamps: their descriptions, and their models as compiled."""
+class Described(Protocol):
+    """A compiled lamp or figure."""
+
+    @property
+    def source(self) -> str:
+        """The text of its description."""
+        ...
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """Its MuJoCo model."""
+        ...
+
+
+def fingerprint(twins: Sequence[Described]) -> str:
+    """Return the SHA-256 of lamps or figures: their descriptions, and their models as compiled."""
     digest = hashlib.sha256()
     for twin in twins:
         buffer = np.empty(mujoco.mj_sizeModel(twin.model), np.uint8)
         mujoco.mj_saveModel(twin.model, None, buffer)
-        digest.update(twin.lamp.source.encode())
+        digest.update(twin.source.encode())
         digest.update(buffer.tobytes())
     return digest.hexdigest()

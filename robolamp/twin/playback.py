@@ -6,8 +6,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from robolamp.twin.arena import Drives
 from robolamp.twin.body import Body
-from robolamp.twin.fleet import SETTLED, settle
+from robolamp.twin.figure import STATE, FigureTwin
+from robolamp.twin.fleet import SETTLED, Job, settle
 from robolamp.twin.model import TwinModel
 
 
@@ -36,4 +38,34 @@ def play(twin: TwinModel, goals: NDArray[np.float64], period: float, ticks: int)
             body.set_goal(goals[min(sent, len(goals) - 1)])
         body.step()
     qpos[ticks] = body.data.qpos
+    return qpos
+
+
+def play_figure(twin: FigureTwin, job: Job, goals: NDArray[np.float64], period: float) -> NDArray[np.float64]:
+    """Return the positions of a figure that stands and then is sent goals: to the bit those of the fleet's lane.
+
+    Args:
+        twin: The figure.
+        job: The lane: where its goal is.
+        goals: Goals as sent, tick by tick (`Trace.goals` of a lane), shape (k, n) [rad/s or rad, by its drive].
+        period: Control period [s].
+
+    Returns:
+        MuJoCo positions at the start of each tick and at the end, shape (k + 1, nq); 0 for the drives, which nobody
+        sees turn.
+    """
+    model, data, drives = twin.model, mujoco.MjData(twin.model), Drives(twin)
+    mujoco.mj_setState(model, data, twin.state, STATE)
+    if twin.goal is not None:
+        data.qpos[twin.goal : twin.goal + 2] = job.goal * np.cos(job.direction), job.goal * np.sin(job.direction)
+    mujoco.mj_forward(model, data)
+    qpos = np.empty((len(goals) + 1, model.nq))
+    for tick, goal in enumerate(goals):
+        qpos[tick] = data.qpos
+        for _ in range(round(period / twin.timestep)):
+            data.ctrl[twin.actuator] = drives.velocity(goal[None], data.qpos[None])[0]
+            mujoco.mj_step(model, data)
+    qpos[-1] = data.qpos
+    turning = [model.joint(f"drive_{name}").qposadr[0] for name in twin.figure.names]
+    qpos[:, turning] = 0.0
     return qpos

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from robolamp.twin.figure import FigureTwin
 from robolamp.twin.model import TwinModel
 
 Picture = NDArray[np.uint8]
@@ -58,15 +59,20 @@ class Camera:
     """Renders one model off screen.
 
     Args:
-        twin: The lamp.
+        twin: The lamp, or a figure.
         width: Of the picture [px].
         height: Of the picture [px].
+        point: A point of the floor to mark, x and y [m].
 
     Raises:
         RenderUnavailableError: There is no OpenGL here.
     """
 
-    def __init__(self, twin: TwinModel, width: int, height: int) -> None:
+    def __init__(
+        self, twin: TwinModel | FigureTwin, width: int, height: int, point: tuple[float, float] | None = None
+    ) -> None:
+        self._point = point
+        self._plane = isinstance(twin, FigureTwin)  # goes anywhere in the plane, and is followed there
         self._model, self._data = twin.model, mujoco.MjData(twin.model)
         self._rect = mujoco.MjrRect(0, 0, width, height)
         self._gl = _gl_context(width, height)
@@ -95,14 +101,25 @@ class Camera:
         view.type = mujoco.mjtCamera.mjCAMERA_FIXED
         view.fixedcamid = self._model.camera(camera).id
         if follow:
-            self._data.cam_xpos[view.fixedcamid, 0] += qpos[0]
+            axes = slice(0, 2 if self._plane else 1)
+            self._data.cam_xpos[view.fixedcamid, axes] += qpos[axes]
         options = mujoco.MjvOption()
         mujoco.mjv_updateScene(self._model, self._data, options, None, view, mujoco.mjtCatBit.mjCAT_ALL, self._scene)
+        if self._point is not None:
+            self._mark(*self._point)
         self._gl.make_current()
         mujoco.mjr_render(self._rect, self._scene, self._context)
         picture = np.empty((self._rect.height, self._rect.width, 3), np.uint8)
         mujoco.mjr_readPixels(picture, None, self._rect, self._context)
         return np.flipud(picture)
+
+    def _mark(self, x: float, y: float) -> None:
+        """Add a flat disc to the scene."""
+        geom = self._scene.geoms[self._scene.ngeom]
+        size, place = np.array([0.05, 0.05, 0.0015]), np.array([x, y, 0.0015])
+        colour = np.array([0.85, 0.25, 0.20, 1.0], np.float32)
+        mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_CYLINDER, size, place, np.eye(3).ravel(), colour)
+        self._scene.ngeom += 1
 
     def close(self) -> None:
         """Free the OpenGL context."""
@@ -174,51 +191,124 @@ def side_view(twin: TwinModel, qpos: NDArray[np.float64], width: int, height: in
     return np.asarray(picture.resize((width, height), Image.Resampling.LANCZOS))
 
 
-def _pictures(twin: TwinModel, qpos: NDArray[np.float64], width: int, height: int, opengl: bool) -> list[Picture]:
+def outline(
+    twin: FigureTwin, qpos: NDArray[np.float64], width: int, height: int, point: tuple[float, float] | None = None
+) -> Picture:
+    """Return a drawing of a figure's pose from the side, without OpenGL: its parts as boxes.
+
+    Args:
+        twin: The figure.
+        qpos: Shape (nq,).
+        width: Of the picture [px].
+        height: Of the picture [px].
+        point: A point of the floor to mark, x and y [m].
+    """
+    model, data = twin.model, mujoco.MjData(twin.model)
+    data.qpos[:] = qpos
+    mujoco.mj_forward(model, data)
+    scale = height * _SUPERSAMPLE / (1.2 * model.stat.extent)
+    size = (width * _SUPERSAMPLE, height * _SUPERSAMPLE)
+    floor = size[1] * 0.86
+    picture = Image.new("RGB", size, _PAPER)
+    draw = ImageDraw.Draw(picture)
+    draw.rectangle((0, floor, *size), fill=_DESK)
+
+    def pixels(places: NDArray[np.float64]) -> list[tuple[float, float]]:
+        return [(size[0] / 2 + (x - qpos[twin.root]) * scale, floor - z * scale) for x, _, z in places]
+
+    if point is not None:
+        (x, y), _ = pixels(np.array([[*point, 0.0]] * 2))
+        draw.ellipse((x - 0.02 * scale, y, x + 0.02 * scale, y + 0.02 * scale), fill=_POLE)
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    solid = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] and model.geom_contype[geom]]
+    for geom in sorted(solid, key=lambda geom: -data.geom_xpos[geom, 1]):
+        box = model.geom_aabb[geom, :3] + corners * model.geom_aabb[geom, 3:]
+        placed = data.geom_xpos[geom] + box @ data.geom_xmat[geom].reshape(3, 3).T
+        colour = tuple(int(255 * part) for part in model.mat_rgba[model.geom_matid[geom], :3])
+        draw.polygon(_hull(pixels(placed)), fill=colour)
+    return np.asarray(picture.resize((width, height), Image.Resampling.LANCZOS))
+
+
+def _hull(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return the convex hull of points (Andrew's monotone chain)."""
+    around: list[tuple[float, float]] = []
+    for run in (sorted(points), sorted(points, reverse=True)):
+        half: list[tuple[float, float]] = []
+        for point in run:
+            while len(half) > 1 and _turn(half[-2], half[-1], point) <= 0:
+                half.pop()
+            half.append(point)
+        around += half[:-1]
+    return around
+
+
+def _turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+def _pictures(
+    twin: TwinModel | FigureTwin,
+    qpos: NDArray[np.float64],
+    width: int,
+    height: int,
+    opengl: bool,
+    point: tuple[float, float] | None,
+) -> list[Picture]:
     if opengl:
         try:
-            with Camera(twin, width, height) as camera:
+            with Camera(twin, width, height, point) as camera:
                 return [camera.shoot(pose, "strip") for pose in qpos]
         except RenderUnavailableError:
             pass  # the side view needs no OpenGL
+    if isinstance(twin, FigureTwin):
+        return [outline(twin, pose, width, height, point) for pose in qpos]
     return [side_view(twin, pose, width, height) for pose in qpos]
 
 
 def animation(
-    twin: TwinModel, qpos: NDArray[np.float64], *, width: int = 360, height: int = 360, opengl: bool = True
+    twin: TwinModel | FigureTwin,
+    qpos: NDArray[np.float64],
+    *,
+    width: int = 360,
+    height: int = 360,
+    opengl: bool = True,
+    point: tuple[float, float] | None = None,
 ) -> list[Picture]:
     """Return poses as the frames of an animation, the camera travelling with the lamp.
 
     Args:
-        twin: The lamp.
+        twin: The lamp, or a figure.
         qpos: Poses, shape (k, nq).
         width: Of each picture [px].
         height: Of each picture [px].
         opengl: False: draw side views even where OpenGL is to be had.
+        point: A point of the floor to mark, x and y [m].
     """
-    return _pictures(twin, qpos, width, height, opengl)
+    return _pictures(twin, qpos, width, height, opengl, point)
 
 
 def strip(
-    twin: TwinModel,
+    twin: TwinModel | FigureTwin,
     qpos: NDArray[np.float64],
     labels: Sequence[str],
     *,
     width: int = 220,
     height: int = 260,
     opengl: bool = True,
+    point: tuple[float, float] | None = None,
 ) -> Picture:
     """Return poses side by side, the desk moving under the lamp as it travels.
 
     Args:
-        twin: The lamp.
+        twin: The lamp, or a figure.
         qpos: Poses, shape (k, nq).
         labels: A text under each.
         width: Of each picture [px].
         height: Of each picture [px].
         opengl: False: draw side views even where OpenGL is to be had.
+        point: A point of the floor to mark, x and y [m].
     """
-    pictures = _pictures(twin, qpos, width, height, opengl)
+    pictures = _pictures(twin, qpos, width, height, opengl, point)
     gap, foot = 4, 24
     sheet = Image.new("RGB", (len(pictures) * (width + gap) - gap, height + foot), (255, 255, 255))
     draw = ImageDraw.Draw(sheet)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from robolamp.controller.envelope import Envelope
 from robolamp.controller.program import Program, ProgramSet
-from robolamp.lamp import Lamp
+from robolamp.figure import Driven
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Trace:
 
 
 def follows(
-    programs: Sequence[Program], program: NDArray[np.int64], trace: Trace, lamp: Lamp, period: float
+    programs: Sequence[Program], program: NDArray[np.int64], trace: Trace, lamp: Driven, period: float
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """Tell which programs would have sent, to the bit, what was sent on a recorded lane.
 
@@ -79,7 +79,7 @@ def follows(
         programs: The controllers, compiled for the terminals that were recorded.
         program: Which of them is asked about on each lane, shape (lanes,).
         trace: The recorded lanes.
-        lamp: The lamp they were recorded on: its limits make the envelope.
+        lamp: The lamp, or the figure, they were recorded on: its limits make the envelope.
         period: Control period [s].
 
     Returns:

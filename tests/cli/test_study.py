@@ -106,7 +106,7 @@ def test_drawing_only_takes_the_scale_from_the_runs(capsys: pytest.CaptureFixtur
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (["figures"], "study: 'figures' is not one of population, generations, .* distance, all"),
+        (["figures"], "study: 'figures' is not one of population, generations, .* representation, all"),
         (["population", "--points", "60"], "--points: '60' is not a point of population: 10, 50"),
         (["all", "--points", "50,100"], "--points: '50,100': all studies together take paper or small"),
         (["population", "--set", "gp.population=7"], "--set: gp.population is what the study population varies"),

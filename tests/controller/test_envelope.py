@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robolamp.controller.envelope import Envelope
+from robolamp.controller.kernels import bound_lanes
 
 from .parts import signal
 
@@ -53,3 +54,17 @@ def test_every_change_is_counted_by_its_kind() -> None:
     goal = envelope.apply(np.array([[1e300, 0.15, -1.0]]))[0]
     np.testing.assert_allclose(goal, [0.28, 0.15, 0.39], atol=1e-15)
     assert (envelope.not_finite[0], envelope.limited[0], envelope.slewed[0]) == (2, 2, 2)
+
+
+NUMBERS = st.floats(allow_nan=True, allow_infinity=True, width=64)
+
+
+@given(st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS), min_size=1, max_size=6), st.sampled_from([0.02, 2.0, np.inf]))
+def test_compiled_envelope_is_the_same_to_the_bit(ticks: list[tuple[float, float, float]], slew: float) -> None:
+    lower, upper, slews = np.array([-1.0, 0.0, -0.5]), np.array([1.0, 0.6, 0.0]), np.full(3, slew)
+    envelope = Envelope(lower, upper, slews, 0.02, np.zeros((1, 3)))
+    goal, interventions = np.zeros((1, 3)), np.zeros(1, np.int64)
+    for wanted in ticks:
+        bound_lanes(np.array([wanted]), goal, lower, upper, slews * 0.02, interventions)
+        assert goal.tobytes() == envelope.apply(np.array([wanted])).tobytes()
+    assert interventions == envelope.not_finite + envelope.limited + envelope.slewed

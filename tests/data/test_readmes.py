@@ -23,6 +23,7 @@ from robolamp.errors import ExpressionError
 from robolamp.evolve.fitness import terms
 from robolamp.evolve.task import Cases, Settings, Task, load_task
 from robolamp.lamp import load_lamp
+from robolamp.twin.figure import World
 from robolamp.twin.spread import load_spread
 
 from .readme import ROOT, table, text
@@ -117,14 +118,15 @@ def test_every_key_of_a_task_is_explained() -> None:
     explained = {key for row in table(TASKS, "key", "unit, range") for key in split(row[0])}
     assert {f"gp.{name}" for name in Settings.__dataclass_fields__} <= explained
     assert {f"cases.{name}" for name in Cases.__dataclass_fields__} <= explained
-    assert {
-        name for name in Task.__dataclass_fields__ if name not in ("main", "style", "source", "gp", "cases", "pole")
-    } <= explained
+    assert {f"world.{name}" for name in World.__dataclass_fields__} <= explained
+    tables = ("main", "style", "source", "gp", "cases", "pole", "world")
+    assert {name for name in Task.__dataclass_fields__ if name not in tables} <= explained
 
 
 def test_every_shipped_fitness_term_is_explained() -> None:
     shipped = {name for name, function in terms().items() if function.__module__ == "robolamp.evolve.fitness"}
-    assert {row[0] for row in table(TASKS, "term")} == shipped
+    rows = table(TASKS, "term", "what it is") + table(TASKS, "term", "of a figure")
+    assert {row[0] for row in rows} == shipped
 
 
 # sim/lamp/controllers/

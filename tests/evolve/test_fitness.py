@@ -6,7 +6,7 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from robolamp.evolve.fitness import HOPELESS, term, terms, weighted
+from robolamp.evolve.fitness import HOPELESS, term, terms, terms_of, weighted
 from robolamp.twin.judge import Outcome
 
 LANES = 2
@@ -47,7 +47,7 @@ def test_terms(name: str, changed: dict, expected: list[float]) -> None:
 
 
 def test_a_perfect_run_costs_nothing() -> None:
-    assert weighted(outcome(), dict.fromkeys(terms(), 1.0)).tolist() == [0.0, 0.0]
+    assert weighted(outcome(), dict.fromkeys(terms_of("lamp"), 1.0)).tolist() == [0.0, 0.0]
 
 
 def test_terms_are_weighted_and_nonsense_is_hopeless() -> None:

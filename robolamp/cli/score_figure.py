@@ -1,0 +1,81 @@
+"""`robolamp score` for figures other than the lamp: goals in the plane, the task's own fitness."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from robolamp.cli.figures import Stage
+from robolamp.cli.output import counted, print_json
+from robolamp.controller.terminals import figure_terminals
+from robolamp.evolve.fitness import weighted
+from robolamp.twin.arena import FigureFleet
+from robolamp.twin.verdict import FigureOutcome
+
+_ROWS = 12  # of the table that a person reads; --json has every goal
+
+
+def score_figure(
+    stage: Stage, goals: str | None, seed: int | None, duration: float | None, workers: int | None, as_json: bool
+) -> int:
+    """Run a figure's controller to many goals and tell how it did; see `robolamp.cli.score`."""
+    controller, figure = stage.controller, stage.twin.figure
+    jobs = stage.jobs(goals, "--goals", seed)
+    fleet = FigureFleet([stage.twin], controller.control_period, workers)
+    program = controller.compile(figure_terminals(figure))
+    outcome = fleet.run([program], jobs, duration or stage.task.duration)
+    fitness = weighted(outcome, stage.task.main) + weighted(outcome, stage.task.style)
+    if as_json:
+        print_json(
+            {
+                "controller": controller.name,
+                "figure": figure.name,
+                "task": stage.task.name,
+                "goals_m": outcome.goal,
+                "directions_rad": outcome.direction,
+                "errors_m": outcome.error,
+                "fitness": fitness,
+                "hops": outcome.hops.astype(int),
+                "collided": outcome.fallen,
+                "hits": int(outcome.hit.sum()),
+                "hits_1997": int(outcome.hit_1997.sum()),
+                "falls": int(outcome.fallen.sum()),
+                "runs": len(jobs),
+                "unstable": int(outcome.unstable.sum()),
+                "upright": int(outcome.upright.sum()),
+                "median_abs_error_m": np.median(outcome.error),
+            }
+        )
+        return 0
+    _print(stage, outcome, fitness)
+    return 0
+
+
+def _print(stage: Stage, outcome: FigureOutcome, fitness: np.ndarray) -> None:
+    table = Table(title=Text(f"{stage.controller.name} in task {stage.task.name}", "italic"), title_justify="left")
+    for column in ("goal", "direction", "ends off by", "jumps", "collided", "upright", "hit", "fitness"):
+        table.add_column(column, justify="right")
+    order = np.argsort(outcome.direction, kind="stable")
+    for row in np.unique(np.linspace(0, len(order) - 1, _ROWS).round().astype(int)):
+        index = order[row]
+        table.add_row(
+            f"{outcome.goal[index] * 100:.1f} cm",
+            f"{math.degrees(outcome.direction[index]):.0f}°",
+            f"{outcome.error[index] * 100:.1f} cm",
+            f"{outcome.hops[index]:.0f}",
+            *("yes" if flag[index] else "no" for flag in (outcome.fallen, outcome.upright, outcome.hit)),
+            f"{fitness[index]:.3f}",
+        )
+    console = Console(highlight=False)
+    console.print(table)
+    radius = stage.twin.figure.radius * 100
+    console.print(
+        f"{counted(len(order), 'run')}: {counted(outcome.hit.sum(), 'hit')} (within {radius:g} cm at the end,"
+        f" upright, nothing hit), {outcome.hit_1997.sum()} came within {radius:g} cm,"
+        f" {counted(outcome.fallen.sum(), 'collision')}; median {np.median(outcome.error) * 100:.1f} cm off then.",
+        soft_wrap=True,
+    )

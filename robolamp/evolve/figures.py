@@ -1,0 +1,57 @@
+"""What a task is tried on: lamps of the fleet, or another figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from robolamp.assets import Assets
+from robolamp.calibration import Calibration
+from robolamp.evolve.task import Task
+from robolamp.figure import Driven, Figure
+from robolamp.lamp import Lamp
+from robolamp.twin.figure import FigureTwin, build_figure
+from robolamp.twin.model import Bend, TwinModel, build
+from robolamp.twin.spread import load_spread
+
+_LAMPS = 24  # at least, drawn from the spread for a run besides the calibrated one
+
+
+def driven_by(task: Task, lamp: Lamp) -> Driven:
+    """Return what a task's controllers drive: the figure it names, or the lamp at hand."""
+    return task.figure if isinstance(task.figure, Figure) else lamp
+
+
+def drive_of(task: Task) -> str:
+    """Return what the outputs of a task's controllers are, one of `robolamp.figure.DRIVES`."""
+    return task.figure.drive if isinstance(task.figure, Figure) else "position"
+
+
+def compiled(
+    task: Task, lamp: Lamp, calibration: Calibration, assets: Assets, rng: np.random.Generator
+) -> Sequence[TwinModel] | Sequence[FigureTwin]:
+    """Return the models that a run's trials are made on, the calibrated lamp first.
+
+    Args:
+        task: What is evolved, on how many lamps.
+        lamp: The lamp.
+        calibration: Its numbers.
+        assets: Where models are.
+        rng: Where the lamps of the spread come from.
+
+    Raises:
+        FileError: A model does not load, or lacks what its description names.
+    """
+    if isinstance(task.figure, Figure):
+        return [build_figure(task.figure, assets, task.world, timestep=task.timestep)]
+
+    def made(bend: Bend | None = None) -> TwinModel:
+        return build(lamp, calibration, assets, bend, timestep=task.timestep, pole=task.pole)
+
+    lamps = [made()]
+    if task.cases.lamps > 1:
+        spread = load_spread(assets)
+        others = max(_LAMPS, task.cases.lamps - 1)
+        lamps += [made(spread.draw(rng, len(lamp.joints))) for _ in range(others)]
+    return lamps
