@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 GOAL ?= 0.30
 
 .DEFAULT_GOAL := help
-.PHONY: help hop test test-slow lint wheel benchmarks pictures studies clean opengl micropython
+.PHONY: help hop test test-slow lint wheel benchmarks pictures studies clean opengl browser micropython
 
 help:  ## what the targets do
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -13,10 +13,10 @@ help:  ## what the targets do
 hop: $(VENV)/installed  ## the shipped controller hops on the emulated lamp (GOAL=0.30)
 	$(BIN)/robolamp dry-run hop --goal $(GOAL)
 
-test: $(VENV)/developed lint opengl micropython  ## lint, types, import floors and all tests but the slow ones
+test: $(VENV)/developed lint opengl browser micropython  ## lint, types, import floors and all tests but the slow ones
 	$(BIN)/python -m pytest -m "not slow"
 
-test-slow: $(VENV)/developed opengl  ## the tests that take more than a minute each
+test-slow: $(VENV)/developed opengl browser  ## the tests that take more than a minute each
 	$(BIN)/python -m pytest -m slow
 
 lint: $(VENV)/developed  ## ruff, pyright, import floors
@@ -46,6 +46,13 @@ opengl:
 	  { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && \
 	    apt-get update -qq && apt-get install -y -qq libegl1 libgl1-mesa-dri >/dev/null; } || \
 	  echo "No OpenGL here: pictures are drawn as side views (Debian: apt install libegl1 libgl1-mesa-dri)."
+
+# The pages are tested in a real browser; without one those tests are skipped and say so.
+browser:
+	@command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null || \
+	  { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && \
+	    apt-get update -qq && apt-get install -y -qq chromium >/dev/null; } || \
+	  echo "No browser here: the pages are not tested (Debian: apt install chromium)."
 
 # The firmware's tests run on Debian's MicroPython, else on its WebAssembly port in node; without either they skip.
 micropython: $(VENV)/installed

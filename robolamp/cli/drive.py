@@ -132,9 +132,15 @@ def drive(
                 log.event(level, text, clock.now())
                 view.event(level, text)
 
+            stopped = ""
+
             def tick(entry: Tick) -> None:
+                nonlocal stopped
                 plan.phases[entry.phase] += 1
                 log.tick(entry)
+                if log.error != stopped:
+                    stopped = log.error
+                    view.event("error", f"logging stopped, the run goes on: {plan.log}: {log.error}")
                 view.tick(entry)
 
             for text in robot.mended:
@@ -150,6 +156,8 @@ def drive(
         robot.close()
     if log.error:
         result.faults[f"log: {log.error}"] = 1
+    if log.dropped:
+        result.faults["log: entries dropped, the disk did not keep up"] = log.dropped
     return result
 
 

@@ -38,9 +38,10 @@ Hold the lamp: it sinks. Exit code 0: every servo confirmed; 1: some did not, sw
     "setup": """Set up the physical lamp: find and number the servos, set zeros, tare the foot, check everything.
 
 STEP is scan, assign, zero, foot or check; hardware/README.md says when to take which.""",
-    "compare": """Compare a run of the lamp with its twin, and write a report.
+    "compare": """Compare a run of the lamp with its twin or with another run, and write a report.
 
-The twin replays the log's goals. Exit code 0: inside the tolerances; 1: outside; 2: could not compare.""",
+The twin replays the log's goals; two logs are laid over each other; a folder of runs gives a trend and how well twin
+and lamp agree over controllers. Exit code 0: inside the tolerances; 1: outside; 2: could not compare.""",
     "score": "Score a controller on the twin, over many goals and lamps.",
     "explain": "Show how a controller works: its expressions, simplified; the signals they read; the branches taken.",
     "evolve": """Evolve a controller on the twin.
@@ -52,6 +53,10 @@ stopped, in whatever manner, goes on by `robolamp evolve --resume OUTPUT`.""",
 Of the lamp in 1997 (Gritz & Hahn), WHICH is population, generations, selection, crossover (Figures 5 to 8), tuned,
 specific, distance, or all of these. Of Jumper (EMOT): jumper, head, gep-population. Of the hop: representation. Stop it
 at any time and start it again: finished runs are kept, and one that was stopped goes on.""",
+    "log": """Look into the log of a run, write it as a table, or save what is left of a broken one.""",
+    "replay": """Play a run in the browser: the lamp in 3D, its twin over it, a time slider, the traces beside it.
+
+The page is served on this computer alone, until Ctrl-C; with -o it is a file that needs no server.""",
     "render": "Draw a controller at work, or a log's replay, as a strip of pictures or an animation.",
     "new": "Make a folder of your own lamp, for --lamp: its description, model, calibration and a task, to be changed.",
     "emulate": """Run an emulated lamp that any Dynamixel client can talk to, until Ctrl-C.
@@ -60,9 +65,9 @@ Servos and foot sensor are behind a serial port each; the lamp's physics runs be
 upright, each joint held as if by hand until its torque is first turned on. docs/emulator.md says what is modelled.""",
 }
 for _order, (_verb, _help) in enumerate(_VERBS.items()):
-    _function = _verb.replace("-", "_")
+    _function = {"log": "app"}.get(_verb, _verb.replace("-", "_"))  # log has verbs of its own
     _help = re.sub(r"(?<!\n)\n(?!\n)", " ", _help)  # paragraphs are wrapped to the terminal, not here
-    app.command(f"robolamp.cli.{_function}:{_function}", name=_verb, help=_help, sort_key=_order)
+    app.command(f"robolamp.cli.{_verb.replace('-', '_')}:{_function}", name=_verb, help=_help, sort_key=_order)
 
 
 def main(arguments: list[str] | None = None) -> None:

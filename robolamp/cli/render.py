@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
 from numpy.typing import NDArray
-from PIL import Image
 
 from robolamp.cli.figures import Stage, stage_of
 from robolamp.cli.options import GOAL_TIME, Setup, length, seconds
@@ -24,11 +22,15 @@ from robolamp.twin.figure import FigureTwin
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.model import Pole, TwinModel, build
 from robolamp.twin.playback import play, play_figure
-from robolamp.twin.render import animation, strip
+from robolamp.twin.render import animation, beside, png, strips
+from robolamp.twin.video import gif, mp4
+
+Array = NDArray[np.float64]
 
 _GOAL, _DURATION = "0.30", 5.0  # [m], [s]
 _POSES = 8  # of a strip
 _FRAME = 0.04  # time between the pictures of an animation [s]
+_ANIMATIONS = {".gif": gif, ".mp4": mp4}
 _AFTER = 0.5  # how much of the rest after the motion is shown [s]
 
 
@@ -43,16 +45,19 @@ def render(
     pole: str | None = None,
     pole_at: str | None = None,
     task: str | None = None,
+    twin: Annotated[bool, Parameter(negative="")] = False,
+    truth: Path | None = None,
     calibration: str = "nominal",
     lamp: Path | None = None,
     opengl: bool = True,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
-    """Draw a controller at work on the twin, or the twin replaying a log.
+    """Draw a controller at work on the twin, or the lamp as its log tells of it.
 
     Args:
         run: A controller (file or shipped name), or a log (.mcap).
-        output: The picture: .png for a strip of poses, .gif for an animation in real time.
+        output: The picture: .png for a strip of poses, .gif or .mp4 for an animation in real time; .mp4 needs
+            `pip install 'robolamp[video]'`.
         goal: How far a controller is sent, as 0.30 (metres, the default) or 30cm; a log has its own. For a figure other
             than the lamp: X,Y in metres; without it, the first goal of its task.
         duration: How long a controller drives, in seconds (5, or the time limit of a figure's task).
@@ -61,46 +66,55 @@ def render(
         pole_at: With --pole: its distance ahead of the lamp's start (20cm).
         task: For a figure other than the lamp: the task it is in (file or name); without it, the task.toml beside the
             controller, or the task that it was evolved for.
+        twin: For a log: the twin's replay beside the lamp.
+        truth: For a log of an emulated lamp: its truth log, which knows where the base was; by default truth.mcap
+            beside the log, where there is one. Without it the base is where the twin's was.
         calibration: The twin's numbers: a file, or a name in calibration/.
         lamp: A folder of your own lamp, laid out like robolamp's.
         opengl: Without it, draw side views of the links even where OpenGL is to be had.
         as_json: Print one JSON object.
     """
-    if output.suffix not in (".png", ".gif"):
-        raise RobolampError(f"{output.name!r} does not end in .png or .gif", "--output")
+    if output.suffix not in (".png", *_ANIMATIONS):
+        raise RobolampError(f"{output.name!r} does not end in .png, .gif or .mp4", "--output")
     setup = Setup.of(lamp, calibration)
     limbo = pole_of(pole, pole_at)
     lamp_alone = {
-        "--goal-time": goal_time, "--pole": pole, "--pole-at": pole_at, "--calibration": calibration != "nominal",
+        "--goal-time": goal_time, "--pole": pole, "--pole-at": pole_at, "--twin": twin, "--truth": truth,
+        "--calibration": calibration != "nominal",
     }  # fmt: skip
     stage, point = stage_of(setup, run, task, lamp_alone), None
     if stage is not None:
-        twin, time, qpos, point = _staged(stage, goal, duration)
+        model, time, motions, point = _staged(stage, goal, duration)
     elif run.endswith(".mcap"):
         if limbo is not None:
             raise RobolampError("is for a controller; no log has a pole", "--pole")
-        twin, time, qpos = _replayed(run, setup)
+        model, time, motions = _logged(run, truth, setup, with_twin=twin)
     else:
+        if twin or truth is not None:
+            raise RobolampError("is for a log; a controller is drawn on the twin", "--twin" if twin else "--truth")
         controller = setup.controller(run)
         check_goal_time(controller, goal_time)
         job = Job(0, 0, length(goal or _GOAL, "--goal"), goal_time or 0.0)
-        twin, time, qpos = _driven(controller, setup, limbo, job, duration or _DURATION)
-    shown = _moving(time, qpos)
-    time, qpos = time[shown] - time[shown][0], qpos[shown]
-    stream = io.BytesIO()
+        model, time, motions = _driven(controller, setup, limbo, job, duration or _DURATION)
+    shown = _moving(time, np.hstack(list(motions.values())))
+    time, motions = time[shown] - time[shown][0], {name: poses[shown] for name, poses in motions.items()}
+    travel = _travel(next(iter(motions.values())), stage is not None)
     if output.suffix == ".png":
         picked = np.linspace(0, len(time) - 1, _POSES).round().astype(int)
-        labels = [f"{time[i]:.2f} s   {100 * _travel(qpos, stage is not None)[i]:.1f} cm" for i in picked]
-        Image.fromarray(strip(twin, qpos[picked], labels, opengl=opengl, point=point)).save(
-            stream, "PNG", optimize=True
-        )
+        labels = [f"{time[i]:.2f} s   {100 * travel[i]:.1f} cm" for i in picked]
+        drawn = {name: poses[picked] for name, poses in motions.items()}
+        data = png(strips(model, drawn, labels, opengl=opengl, point=point))
     else:
         frames = np.searchsorted(time, np.arange(0.0, time[-1], _FRAME))
-        pictures = [Image.fromarray(picture) for picture in animation(twin, qpos[frames], opengl=opengl, point=point)]
-        pictures[0].save(stream, "GIF", save_all=True, append_images=pictures[1:], duration=1000 * _FRAME, loop=0)
-    write_atomic(output, stream.getvalue())
+        drawn = {name: poses[frames] for name, poses in motions.items()}
+        if len(drawn) == 1:
+            pictures = animation(model, next(iter(drawn.values())), opengl=opengl, point=point)
+        else:
+            pictures = beside(model, drawn, opengl=opengl)
+        data = _ANIMATIONS[output.suffix](pictures, _FRAME)
+    write_atomic(output, data)
     if as_json:
-        print_json({"picture": output, "duration_s": time[-1], "travel_m": _travel(qpos, stage is not None)[-1]})
+        print_json({"picture": output, "duration_s": time[-1], "travel_m": travel[-1]})
     else:
         print(output)
     return 0
@@ -108,19 +122,20 @@ def render(
 
 def _driven(
     controller: Controller, setup: Setup, pole: Pole | None, job: Job, duration: float
-) -> tuple[TwinModel, NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[TwinModel, Array, dict[str, Array]]:
     """Return what `score` scores, as positions: a run ends at a fall, and what follows is drawn, too."""
     twin = build(setup.lamp, setup.calibration, setup.assets, pole=pole)
     program = controller.compile(all_terminals(len(setup.lamp.joints)))
     outcome = Fleet([twin], controller.control_period, 1).run([program], [job], duration, record=True)
     assert outcome.trace is not None
     ticks, sent = outcome.trace.goals.shape[1], outcome.trace.goals[0, : outcome.trace.ticks[0]]
-    return twin, np.arange(ticks + 1) * controller.control_period, play(twin, sent, controller.control_period, ticks)
+    qpos = play(twin, sent, controller.control_period, ticks)
+    return twin, np.arange(ticks + 1) * controller.control_period, {"": qpos}
 
 
 def _staged(
     stage: Stage, goal: str | None, duration: float | None
-) -> tuple[FigureTwin, NDArray[np.float64], NDArray[np.float64], tuple[float, float] | None]:
+) -> tuple[FigureTwin, Array, dict[str, Array], tuple[float, float] | None]:
     """Return a figure's run as positions, and the point it is sent to, where its goal is one."""
     controller, twin = stage.controller, stage.twin
     job = stage.jobs(goal, "--goal")[0]
@@ -132,28 +147,34 @@ def _staged(
     qpos = play_figure(twin, job, goals, controller.control_period)
     x, y = job.goal * np.cos(job.direction), job.goal * np.sin(job.direction)
     time = np.arange(len(qpos), dtype=np.float64) * controller.control_period
-    return twin, time, qpos, (float(x), float(y)) if twin.goal is None else None
+    return twin, time, {"": qpos}, (float(x), float(y)) if twin.goal is None else None
 
 
-def _travel(qpos: NDArray[np.float64], plane: bool) -> NDArray[np.float64]:
+def _travel(qpos: Array, plane: bool) -> Array:
     """Return how far the base has come since the first sample, shape (k,) [m]: ahead, or for figures in the plane."""
     way = qpos[:, :2] - qpos[0, :2]
     return np.hypot(*way.T) if plane else way[:, 0]
 
 
-def _replayed(path: str, setup: Setup) -> tuple[TwinModel, NDArray[np.float64], NDArray[np.float64]]:
+def _logged(
+    path: str, truth: Path | None, setup: Setup, *, with_twin: bool
+) -> tuple[TwinModel, Array, dict[str, Array]]:
+    from robolamp.compare.motion import lamp_motion, truth_of, twin_motion
     from robolamp.compare.replay import replay
-    from robolamp.log.reader import read_run
+    from robolamp.log.reader import prefix_in, run_of
+    from robolamp.log.stream import read_contents
 
-    log = read_run(path)
+    contents = read_contents(Path(path))
+    log = run_of(contents, prefix_in(contents))
+    known = truth_of(log, truth)
     twin = replay(log, setup.lamp, setup.calibration, setup.assets)
-    driven = log.scheduled[log.phase == "run"]
-    first, last = (driven[0], driven[-1]) if len(driven) else (log.scheduled[0], log.scheduled[-1])
-    during = (twin.time >= first) & (twin.time <= last)
-    return twin.twin, twin.time[during], twin.qpos[during]
+    driven = log.phase == "run" if (log.phase == "run").any() else np.ones(log.index.size, bool)
+    time = twin.time[(twin.time >= log.scheduled[driven][0]) & (twin.time <= log.scheduled[driven][-1])]
+    poses = lamp_motion(log, twin, time, known)
+    return twin.twin, time, {"lamp": poses, "twin": twin_motion(twin, time)} if with_twin else {"": poses}
 
 
-def _moving(time: NDArray[np.float64], qpos: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _moving(time: Array, qpos: Array) -> NDArray[np.bool_]:
     """Return which samples to show: up to half a second after the last motion, shape (k,)."""
     still = np.abs(qpos - qpos[-1]).max(axis=1) < 0.02
     moving = np.flatnonzero(~still)

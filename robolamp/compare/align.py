@@ -5,6 +5,7 @@ Lag by cross-correlation with sub-sample precision. Dynamic time warping is not 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,10 @@ STILL = 0.01
 sticks by a few encoder counts looks like motion, but not like the same motion."""
 LIKENESS = 0.8
 """Correlation below which two recordings are not the same motion, and have no lag."""
+WINDOW = 2.0
+"""Length of the stretches whose lags are compared to find a drift [s]."""
+MIN_WINDOWS = 4
+"""Fewer stretches with a lag of their own than this tell no drift."""
 _RESOLUTION = 1e-9  # samples closer than a log's time stamps can tell apart are one [s]
 
 
@@ -57,6 +62,8 @@ class JointError:
         before: Errors as recorded.
         after: Errors with the lag removed.
         swing: Size of the lamp's motion per size of the twin's (ratio of standard deviations, lag removed).
+        drift: How fast the lag grows: seconds a second; NaN where the recording is too short to tell.
+        drift_stderr: Its standard error.
         samples: Lamp samples compared, of `of` samples in the log.
         of: Samples in the log.
     """
@@ -66,6 +73,8 @@ class JointError:
     before: Error
     after: Error
     swing: float
+    drift: float
+    drift_stderr: float
     samples: int
     of: int
 
@@ -102,6 +111,11 @@ class Trace:
         if time.size < 2:
             return cls(time, value, np.zeros(time.size), 0.0)
         return cls(time, value, np.gradient(value, time), MAX_GAP * float(np.median(np.diff(time))))
+
+    def part(self, begin: float, end: float) -> Trace:
+        """Return the samples from one time to another [s]."""
+        first, last = np.searchsorted(self.time, [begin, end])
+        return Trace(self.time[first:last], self.value[first:last], self.slope[first:last], self.gap)
 
     def at(self, time: Array) -> Array:
         """Return the signal at other times, NaN outside the trace and inside its gaps.
@@ -148,6 +162,38 @@ def find_lag(twin: Trace, lamp: Trace) -> float:
     below, top, above = scores[peak - 1 : peak + 2]
     curve = below - 2 * top + above
     return float(lags[peak] + (0.5 * (below - above) / curve * LAG_STEP if curve < 0 else 0.0))
+
+
+def find_drift(twin: Trace, lamp: Trace) -> tuple[float, float]:
+    """Return how fast the lamp's lag grows, and the standard error of that [s/s]; NaN where it cannot be told.
+
+    A line through the lags of stretches of WINDOW seconds (Theil-Sen: the median of the slopes of all pairs, so that
+    a stretch with a wrong peak does no harm).
+
+    Args:
+        twin: The reference.
+        lamp: What is compared with it.
+    """
+    unknown = (math.nan, math.nan)
+    if lamp.time.size < MIN_SAMPLES or lamp.time[-1] - lamp.time[0] < MIN_WINDOWS * WINDOW:
+        return unknown
+    starts = np.linspace(lamp.time[0], lamp.time[-1] - WINDOW, min(int((lamp.time[-1] - lamp.time[0]) / WINDOW), 60))
+    middles, lags = [], []
+    for start in starts:
+        part = lamp.part(start, start + WINDOW)
+        lag = find_lag(twin.part(start - MAX_LAG - WINDOW / 4, start + WINDOW * 1.25 + MAX_LAG), part)
+        if math.isfinite(lag):
+            middles.append(start + WINDOW / 2)
+            lags.append(lag)
+    if len(lags) < MIN_WINDOWS:
+        return unknown
+    time, lag = np.array(middles), np.array(lags)
+    first, second = np.triu_indices(time.size, 1)
+    slopes = (lag[second] - lag[first]) / (time[second] - time[first])
+    slope = float(np.median(slopes))
+    left = lag - slope * time
+    spread = 1.4826 * float(np.median(np.abs(left - np.median(left))))
+    return slope, spread / (float(time.std()) * math.sqrt(time.size))
 
 
 def _correlation(a: Array, b: Array) -> float:
@@ -202,4 +248,5 @@ def compare_joint(name: str, twin: Trace, lamp: Trace, of: int) -> JointError:
     reference = lamp.value[there] - residual[there]
     spread = float(reference.std()) if there.any() else 0.0
     swing = float(lamp.value[there].std()) / spread if spread > STILL else float("nan")
-    return JointError(name, lag, before, after, swing, int(np.count_nonzero(there)), of)
+    drift, stderr = find_drift(twin, lamp)
+    return JointError(name, lag, before, after, swing, drift, stderr, int(np.count_nonzero(there)), of)

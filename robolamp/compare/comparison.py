@@ -1,50 +1,67 @@
-"""A comparison: a lamp's run, the twin's replay of it, and what came of laying the one over the other."""
+"""A comparison: a lamp's run, what it is held against, and what came of laying the one over the other."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from robolamp.calibration import Calibration
 from robolamp.compare.align import JointError
+from robolamp.compare.control import ControlReplay
+from robolamp.compare.course import BANDS, Parting, Plain, Spectrum
 from robolamp.compare.diagnosis import Finding
+from robolamp.compare.flights import Hop
 from robolamp.compare.replay import Replay
+from robolamp.compare.side import Side
 from robolamp.compare.tolerances import Tolerances
-from robolamp.log.reader import Run, Truth
+from robolamp.log.reader import Run
+from robolamp.twin.model import TwinModel
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """A lamp's run against the twin's replay of it.
+    """A lamp's run against the twin's replay of it, or against another run.
 
     Attributes:
         run: The lamp's run.
-        replay: The twin's.
-        truth: What the emulated lamp truly did, or None.
+        lamp: What the lamp did.
+        other: What it is held against: the twin's replay, or another run ("the reference").
+        reference: The other run; None: the twin's replay.
+        replay: The twin's replay of the lamp's run.
         joints: Their difference, joint by joint, over phase "run" (over everything where it is missing or cut short).
-        lamp_travel: How far the lamp's base came [m]; NaN where no truth is known.
-        twin_travel: How far the twin's did [m].
+        plain: The differences of velocities, currents and force.
+        spectra: Where in frequency each joint's error lies.
+        flights: The hops of both.
+        parting: When the two part for good.
+        control: What came of running the logged controller again.
         calibration: What the twin was calculated with.
         tolerances: What was allowed.
         exceeded: What is outside its tolerance, one sentence each; empty where nothing is.
         diagnosis: Probable causes, the strongest first.
         report: The HTML report.
-        twin_log: The replay as a log, topics "/twin/...".
+        twin_log: The replay as a log, topics "/twin/..."; None where two runs were compared.
     """
 
     run: Run
+    lamp: Side
+    other: Side
+    reference: Run | None
     replay: Replay
-    truth: Truth | None
     joints: tuple[JointError, ...]
-    lamp_travel: float
-    twin_travel: float
+    plain: Plain
+    spectra: tuple[Spectrum, ...]
+    flights: tuple[Hop, ...]
+    parting: Parting
+    control: ControlReplay
     calibration: Calibration
     tolerances: Tolerances
     exceeded: tuple[str, ...]
     diagnosis: tuple[Finding, ...]
     report: Path
-    twin_log: Path
+    twin_log: Path | None
 
     @property
     def verdict(self) -> str:
@@ -52,61 +69,97 @@ class Comparison:
         return "outside" if self.exceeded else "inside"
 
     @property
-    def hops(self) -> int:
-        """Hops that the lamp counted."""
-        return int(self.run.hops[-1])
+    def twin(self) -> TwinModel:
+        """The compiled lamp."""
+        return self.replay.twin
 
     @property
-    def twin_hops(self) -> int:
-        """Hops that the twin's foot sensor gives, counted by the same code."""
-        return self.replay.ticks[-1].hops
+    def lamp_travel(self) -> float:
+        """How far the lamp's base came [m]; NaN where no truth is known."""
+        return self.lamp.travel
 
     @property
-    def fell(self) -> bool | None:
-        """Whether the lamp fell; None where no truth is known."""
-        if self.truth is None:
-            return None
-        # After the last tick torque is off, and a lamp that then sinks to the floor has not fallen.
-        during = self.run.at(self.truth.log_time) <= self.run.write_done[-1]
-        return bool(self.truth.fallen[during].any())
-
-    @property
-    def twin_fell(self) -> bool:
-        """Whether the twin fell in phase "run" or after."""
-        return bool(self.replay.outcome.fallen[0])
+    def twin_travel(self) -> float:
+        """How far the reference's did [m]."""
+        return self.other.travel
 
     def as_dict(self) -> dict[str, Any]:
         """Return what `robolamp compare --json` prints; NaN where a value is not known."""
         return {
             "verdict": self.verdict,
             "exceeded": list(self.exceeded),
-            "joints": [
-                {
-                    "name": joint.name,
-                    "lag_ms": joint.lag * 1e3,
-                    "mae_mrad": {"before": joint.before.mae * 1e3, "after": joint.after.mae * 1e3},
-                    "rmse_mrad": {"before": joint.before.rmse * 1e3, "after": joint.after.rmse * 1e3},
-                    "bias_mrad": joint.after.bias * 1e3,
-                    "worst_mrad": joint.after.worst * 1e3,
-                    "worst_at_s": joint.after.worst_at - float(self.run.scheduled[0]),
-                    "samples": joint.samples,
-                }
-                for joint in self.joints
-            ],
-            "hops": self.hops,
-            "twin_hops": self.twin_hops,
-            "fell": self.fell,
-            "twin_fell": self.twin_fell,
-            "travel_m": self.lamp_travel,
-            "twin_travel_m": self.twin_travel,
+            "against": "twin" if self.reference is None else str(self.reference.path),
+            "joints": [self._joint(index, joint) for index, joint in enumerate(self.joints)],
+            "hops": self.lamp.hops,
+            "twin_hops": self.other.hops,
+            "flights": [_flight(hop) for hop in self.flights],
+            "fell": self.lamp.fell,
+            "twin_fell": self.other.fell,
+            "travel_m": self.lamp.travel,
+            "twin_travel_m": self.other.travel,
+            "foot_force_mae_n": self.plain.force,
+            "parted_s": self.parting.time,
+            "parted_joint": self.parting.joint or None,
+            "parted_when": list(self.parting.just_then),
+            "controller_exact": self.control.exact,
+            "controller_differs_from_tick": self.control.first if self.control.exact is False else None,
             "ticks": int(self.run.index.size),
             "missed_ticks": self.run.missed_ticks,
             "truncated": self.run.truncated,
             "calibration": self.calibration.name,
-            "diagnosis": [
-                {"cause": finding.cause, "evidence": finding.evidence, "remedy": finding.remedy}
-                for finding in self.diagnosis
-            ],
+            "diagnosis": findings(self.diagnosis),
             "report": self.report,
             "twin_log": self.twin_log,
         }
+
+    def _joint(self, index: int, joint: JointError) -> dict[str, Any]:
+        bands = [f"from_{low:g}_hz" for low in BANDS]
+        return {
+            "name": joint.name,
+            "lag_ms": joint.lag * 1e3,
+            "drift_ppm": joint.drift * 1e6,
+            "mae_mrad": {"before": joint.before.mae * 1e3, "after": joint.after.mae * 1e3},
+            "rmse_mrad": {"before": joint.before.rmse * 1e3, "after": joint.after.rmse * 1e3},
+            "bias_mrad": joint.after.bias * 1e3,
+            "worst_mrad": joint.after.worst * 1e3,
+            "worst_at_s": joint.after.worst_at,
+            "velocity_mae_rad_s": float(self.plain.velocity[index]),
+            "current_mae_a": float(self.plain.current[index]),
+            "error_rms_mrad": dict(zip(bands, (self.spectra[index].bands * 1e3).tolist(), strict=True)),
+            "samples": joint.samples,
+            "of": joint.of,
+        }
+
+
+def findings(diagnosis: Sequence[Finding]) -> list[dict[str, Any]]:
+    """Return findings as `--json` has them."""
+    return [
+        {
+            "cause": each.cause,
+            "evidence": each.evidence,
+            "remedy": each.remedy,
+            "knob": each.knob or None,
+            "size": each.size,
+            "unit": each.unit or None,
+            "share": each.share,
+        }
+        for each in diagnosis
+    ]
+
+
+def _flight(hop: Hop) -> dict[str, Any]:
+    def of(flight: Any, name: str) -> float:
+        return getattr(flight, name) if flight else math.nan
+
+    return {
+        "off_s": of(hop.lamp, "off"),
+        "on_s": of(hop.lamp, "on"),
+        "flight_s": of(hop.lamp, "time"),
+        "apex_m": of(hop.lamp, "apex"),
+        "twin_off_s": of(hop.twin, "off"),
+        "twin_on_s": of(hop.twin, "on"),
+        "twin_flight_s": of(hop.twin, "time"),
+        "twin_apex_m": of(hop.twin, "apex"),
+        "off_late_ms": hop.off_late * 1e3,
+        "on_late_ms": hop.on_late * 1e3,
+    }

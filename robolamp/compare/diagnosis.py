@@ -1,12 +1,13 @@
-"""Says in words why lamp and twin differ: simple rules over the comparison's numbers, the strongest first.
+"""Says in words why lamp and twin differ.
 
-Every rule has a threshold below which a difference is not worth a word, fixed beforehand; a finding's weight is how
-many times its threshold the difference is. Causes can look alike (a weak servo also answers late): each finding
-says what it saw, so that a person can judge.
+First causes, ranked by how much of the difference each explains; then what the log itself complains of. Every threshold
+is fixed here or in `explain` and `knobs`, beforehand.
 """
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -14,31 +15,21 @@ import numpy as np
 
 from robolamp.calibration import Calibration
 from robolamp.compare.align import JointError
-from robolamp.compare.replay import Replay
+from robolamp.compare.explain import Explanation
+from robolamp.dynamixel.servos import tick_wire_time
+from robolamp.lamp import Lamp
 from robolamp.log.reader import Run
 
-LAG = 0.003
-"""A common lag worth a word [s]: a seventh of a control period at 50 Hz."""
-SWING = 0.02
-"""A joint that swings this much less or more than the twin's, as a share."""
-BIAS = 0.005
-"""A mean error worth a word [rad]: three counts of a 4096-count encoder."""
-ODD_JOINT = 1.5
-"""A joint whose error is this many times the median of the others' ..."""
-ODD_JOINT_MAE = 0.005
-"""... and is at least this large [rad] stands out."""
 SENT = 0.002
 """Time by which goals leave later than the calibration's line delay says [s]."""
+HELD_UP = 0.0003
+"""Time by which answers take longer than their packets that is worth a word [s]."""
 GAPS = 0.01
 """Share of readings that did not arrive, or of ticks that were missed."""
-FORCE = 0.05
-"""Difference of the standing foot force, as a share."""
-STANDING = 0.5
-"""Foot force below which the twin is not standing [N]."""
-VOLTAGE = 0.15
-"""Difference of the supply voltage [V]; servos report it in steps of 0.1 V."""
-TRAVEL = 0.02
-"""Difference of the base's travel [m]."""
+DRIFT = 500e-6
+"""Rate by which the two clocks may differ: crystals are within 100 ppm, and a lag is known to some 0.3 ms."""
+SATURATED = 0.98
+"""Duty from which on a servo gives all it has."""
 
 
 @dataclass(frozen=True)
@@ -49,57 +40,142 @@ class Finding:
         cause: What is probably different.
         evidence: The numbers it was seen in.
         remedy: What would settle it.
-        weight: How many times its threshold the difference is.
+        knob: What was bent to explain it, as "strength knee"; empty where the log says it by itself.
+        size: How much is different, in `unit`; NaN where there is no such number.
+        unit: Of the size.
+        share: Of the difference that it explains, 0 to 1; NaN where the log says it by itself.
     """
 
     cause: str
     evidence: str
     remedy: str
-    weight: float
+    knob: str = ""
+    size: float = math.nan
+    unit: str = ""
+    share: float = math.nan
 
 
 def diagnose(
-    run: Run, replay: Replay, joints: Sequence[JointError], calibration: Calibration, travel: tuple[float, float]
+    run: Run,
+    explained: Sequence[Explanation],
+    joints: Sequence[JointError],
+    calibration: Calibration,
+    lamp: Lamp,
+    than: str = "modelled",
 ) -> list[Finding]:
     """Return the findings, the strongest first; empty where nothing stands out.
 
     Args:
         run: The lamp's run.
-        replay: The twin's.
-        joints: Their difference, joint by joint.
+        explained: What bent twins explain of it.
+        joints: The differences, joint by joint.
         calibration: What the twin was calculated with.
-        travel: The base's travel of lamp and twin [m]; NaN where unknown.
+        lamp: The lamp's description.
+        than: What the lamp is held against, as in "weaker than modelled".
     """
-    found = [
-        *_late(joints),
-        *_sent(run, calibration),
-        *_weak(joints),
-        *_odd(joints),
-        *_bias(joints),
-        *_foot(run, replay),
-        *_supply(run, calibration),
-        *_gaps(run, joints),
-        *_slipping(joints, travel),
-    ]
-    return sorted(found, key=lambda finding: -finding.weight)
+    bent = [told(run, each, joints, than) for each in explained if each.knob]
+    noisy = [each for each in explained if not each.knob]
+    first = not bent or (noisy and noisy[0].share > explained[0].share)
+    heard = [*noises(noisy)]
+    return [*(heard if first else ()), *bent, *(() if first else heard), *complaints(run, joints, calibration, lamp)]
 
 
-def _late(joints: Sequence[JointError]) -> Iterator[Finding]:
-    lags = [joint.lag for joint in joints if np.isfinite(joint.lag)]
-    if not lags or abs(common := float(np.median(lags))) < LAG:
-        return
-    each = ", ".join(f"{joint.name} {joint.lag * 1e3:+.1f} ms" for joint in joints if np.isfinite(joint.lag))
-    word = "later" if common > 0 else "earlier"
-    yield Finding(
-        f"the lamp answers {abs(common) * 1e3:.1f} ms {word} than the twin",
-        f"lag of the lamp behind the twin: {each}",
-        f"friction or a weak servo can look like a lag: mend those first; then change the servos' delay by "
-        f"{common * 1e3:+.1f} ms in the calibration",
-        abs(common) / LAG,
-    )
+def noises(found: Sequence[Explanation]) -> Iterator[Finding]:
+    """Yield what is noisy in words, all encoders together.
+
+    Args:
+        found: Explanations by noise.
+    """
+    seen = "standard deviation while the lamp stands still, beyond the sensor's own steps"
+    encoders = [each for each in found if each.joint]
+    for group in (encoders, [each for each in found if not each.joint]):
+        if not group:
+            continue
+        joints = [each.joint for each in group]
+        one = len(group) == 1
+        if joints[0]:
+            which = f"the {joints[0]}'s encoder is" if one else f"the encoders of {_list(joints)} are"
+            sizes = ", ".join(dict.fromkeys(f"{each.size * 1e3:.1f} mrad" for each in group))
+        else:
+            which, sizes = "the foot sensor is", f"{group[0].size:.3f} N"
+        yield Finding(
+            f"{which} noisy by {sizes}", seen,
+            f"keep {'its cable' if one else 'their cables'} away from the motors', and check plug and ground",
+            group[0].name, max(each.size for each in group), "rad" if joints[0] else "N",
+            sum(each.share for each in group),
+        )  # fmt: skip
 
 
-def _sent(run: Run, calibration: Calibration) -> Iterator[Finding]:
+def _list(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def told(run: Run, one: Explanation, joints: Sequence[JointError], than: str) -> Finding:
+    """Return an explanation by a knob in words.
+
+    Args:
+        run: The lamp's run.
+        one: The explanation.
+        joints: The differences, joint by joint.
+        than: What the lamp is held against.
+    """
+    assert one.knob is not None
+    facts = "; ".join(_facts(run, one, joints))
+    seen = f"accounts for {one.share:.0%} of the difference"
+    return Finding(
+        one.knob.cause(one.size, than),
+        f"{seen}; {facts}" if facts else seen,
+        one.knob.remedy(),
+        one.name, one.size, one.knob.about.unit, one.share,
+    )  # fmt: skip
+
+
+def _facts(run: Run, one: Explanation, joints: Sequence[JointError]) -> Iterator[str]:
+    """Yield what of the log bears a cause out."""
+    kind = one.knob.kind if one.knob else ""
+    joint = next((each for each in joints if each.name == one.joint), None)
+    if joint is not None and kind in ("strength", "friction"):
+        yield f"the {joint.name} is off by {joint.after.mae * 1e3:.1f} mrad with its lag removed"
+        if math.isfinite(joint.swing):
+            yield f"it swings {abs(joint.swing - 1):.1%} {'less' if joint.swing < 1 else 'more'} far"
+        duty = np.abs(run.pwm[:, run.joints.index(joint.name)])
+        if (full := float(np.mean(duty[np.isfinite(duty)] >= SATURATED)) if np.isfinite(duty).any() else 0.0) > 0:
+            yield f"its servo gives all it has in {full:.1%} of the ticks"
+    if kind == "delay":
+        lags = ", ".join(f"{each.name} {each.lag * 1e3:+.1f} ms" for each in joints if math.isfinite(each.lag))
+        if lags:
+            yield f"lag behind the twin: {lags}"
+    if kind in ("supply", "resistance", "drain"):
+        volts = run.voltage[np.isfinite(run.voltage)]
+        if volts.size:
+            first, last = np.nanmedian(run.voltage[:10]), np.nanmedian(run.voltage[-10:])
+            yield f"the servos report {first:.1f} V at first, {last:.1f} V at last, {volts.min():.1f} V at least"
+    if kind in ("foot gain", "foot offset", "foot drift", "mass"):
+        standing = run.foot_force[run.phase == "start"]
+        if np.isfinite(standing).any():
+            yield f"it reads {np.nanmedian(standing):.2f} N standing still"
+
+
+def complaints(run: Run, joints: Sequence[JointError], calibration: Calibration, lamp: Lamp) -> Iterator[Finding]:
+    """Yield what the log says by itself, without a twin.
+
+    Args:
+        run: The lamp's run.
+        joints: The differences, joint by joint.
+        calibration: What the twin was calculated with.
+        lamp: The lamp's description.
+    """
+    answer, wire = float(np.median(run.read_done - run.began)), tick_wire_time(len(lamp.joints), lamp.bus_baud)
+    if answer - wire >= HELD_UP:
+        # Goals and questions are held up alike: the joints move later and are asked later, and the angles agree.
+        yield Finding(
+            f"the line to the servos holds everything up by at least {(answer - wire) * 1e3:.1f} ms",
+            f"an answer takes {answer * 1e3:.1f} ms (median); its packets are at most {wire * 1e3:.1f} ms on the wire",
+            "set the USB adapter's latency timer to 1 ms and plug it in without a hub; leave the computer to the loop",
+            "latency",
+            answer - wire,
+            "s",
+        )
     taken, assumed = float(np.median(run.write_done - run.began)), calibration.lamp("line_delay")
     if taken - assumed >= SENT:
         yield Finding(
@@ -107,110 +183,14 @@ def _sent(run: Run, calibration: Calibration) -> Iterator[Finding]:
             f"{taken * 1e3:.1f} ms after the tick's start (median); lamp.line_delay in the calibration is "
             f"{assumed * 1e3:.1f} ms",
             "leave the computer to the loop, or change lamp.line_delay in the calibration and evolve again",
-            (taken - assumed) / SENT,
         )
-
-
-def _weak(joints: Sequence[JointError]) -> Iterator[Finding]:
-    for sign, what, far in (
-        (-1, "weaker, or have more friction,", "less"),
-        (1, "stronger, or have less friction,", "more"),
-    ):
-        found = [joint for joint in joints if sign * (joint.swing - 1) >= SWING]
-        if not found:
-            continue
-        found.sort(key=lambda joint: -abs(joint.swing - 1))
-        names = _names(found)
-        one = len(found) == 1
-        each = ", ".join(f"{joint.name} {abs(joint.swing - 1):.1%}" for joint in found)
-        yield Finding(
-            f"{names} {'is' if one else 'are'} {what.replace('have', 'has') if one else what} than in the twin",
-            f"{'it swings' if one else 'they swing'} {far} far than the twin's: {each}",
-            "look for play, a rubbing cable or a warm servo; then change torque_constant or the friction "
-            f"{'of joint.' + found[0].name if one else 'of the servos'} in the calibration",
-            abs(found[0].swing - 1) / SWING,
-        )
-
-
-def _names(joints: Sequence[JointError]) -> str:
-    names = [f"the {joint.name}" for joint in joints]
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def _odd(joints: Sequence[JointError]) -> Iterator[Finding]:
-    for joint in joints:
-        others = [other.after.mae for other in joints if other is not joint and np.isfinite(other.after.mae)]
-        if not others or joint.after.mae < ODD_JOINT_MAE:
-            continue
-        ratio = joint.after.mae / max(float(np.median(others)), 1e-9)
-        if ratio >= ODD_JOINT:
-            yield Finding(
-                f"the {joint.name} is off more than the other joints",
-                f"MAE {joint.after.mae * 1e3:.1f} mrad with the lag removed, {ratio:.1f} times the others'; worst "
-                f"{joint.after.worst * 1e3:+.0f} mrad",
-                f"compare the {joint.name}'s servo, gain and horn with the others'; calibrate it by itself "
-                f"(joint.{joint.name} in the calibration)",
-                ratio / ODD_JOINT,
-            )
-
-
-def _bias(joints: Sequence[JointError]) -> Iterator[Finding]:
-    found = sorted(
-        (joint for joint in joints if abs(joint.after.bias) >= BIAS), key=lambda joint: -abs(joint.after.bias)
-    )
-    if found:
-        yield Finding(
-            f"{_names(found)} {'sags, or its zero is' if len(found) == 1 else 'sag, or their zeros are'} off",
-            "mean error, lamp minus twin: "
-            + ", ".join(f"{joint.name} {joint.after.bias * 1e3:+.1f} mrad" for joint in found),
-            "weigh what the joint carries and look for friction or a weak servo; check its horn, and zero in "
-            "hardware/lamp.toml",
-            abs(found[0].after.bias) / BIAS,
-        )
-
-
-def _foot(run: Run, replay: Replay) -> Iterator[Finding]:
-    standing = run.phase == "start"
-    lamp = run.foot_force[standing]
-    lamp = lamp[np.isfinite(lamp)]
-    twin = np.array([tick.observation.foot_force for tick in replay.ticks])[standing]
-    if lamp.size == 0 or np.median(twin) < STANDING:
-        return
-    ratio = float(np.median(lamp) / np.median(twin))
-    if abs(ratio - 1) >= FORCE:
-        yield Finding(
-            "the foot sensor's gain or the lamp's weight is off",
-            f"standing still it reads {np.median(lamp):.2f} N, the twin {np.median(twin):.2f} N",
-            f"weigh the lamp and tare the sensor; then change lamp.foot_gain (times {ratio:.2f}) or lamp.mass_scale "
-            "in the calibration",
-            abs(ratio - 1) / FORCE,
-        )
-
-
-def _supply(run: Run, calibration: Calibration) -> Iterator[Finding]:
-    known = run.voltage[np.isfinite(run.voltage)]
-    if known.size == 0:
-        return
-    measured, assumed = float(np.median(known)), calibration.lamp("supply_voltage")
-    if abs(measured - assumed) >= VOLTAGE:
-        word = "below" if measured < assumed else "above"
-        yield Finding(
-            f"the supply is {abs(measured - assumed):.1f} V {word} the calibration's",
-            f"the servos report {measured:.1f} V (median), the twin has {assumed:.1f} V",
-            "check supply and wiring, or change lamp.supply_voltage in the calibration",
-            abs(measured - assumed) / VOLTAGE,
-        )
-
-
-def _gaps(run: Run, joints: Sequence[JointError]) -> Iterator[Finding]:
-    for index, joint in enumerate(joints):
+    for index, joint in enumerate(run.joints):
         share = float(np.mean(~np.isfinite(run.angle[:, index])))
         if share >= GAPS:
             yield Finding(
-                f"the {joint.name}'s servo often does not answer",
+                f"the {joint}'s servo often does not answer",
                 f"{share:.1%} of its readings are missing",
                 "check its cable and the bus's baud rate; see the faults in the log",
-                share / GAPS,
             )
     share = run.missed_ticks / max(1, run.index.size + run.missed_ticks)
     if share >= GAPS:
@@ -218,17 +198,21 @@ def _gaps(run: Run, joints: Sequence[JointError]) -> Iterator[Finding]:
             "the loop did not keep its schedule",
             f"{run.missed_ticks} ticks missed ({share:.1%})",
             "leave the computer to the loop, or lengthen the control period",
-            share / GAPS,
         )
-
-
-def _slipping(joints: Sequence[JointError], travel: tuple[float, float]) -> Iterator[Finding]:
-    difference = travel[0] - travel[1]
-    alike = all(joint.after.mae < 2 * ODD_JOINT_MAE for joint in joints)
-    if alike and abs(difference) >= TRAVEL:
+    drifts = [joint.drift for joint in joints if math.isfinite(joint.drift)]
+    errors = [joint.drift_stderr for joint in joints if math.isfinite(joint.drift)]
+    if drifts and abs(drift := float(np.median(drifts))) >= max(DRIFT, 4 * float(np.median(errors))):
         yield Finding(
-            "the floor holds less or more than the twin's",
-            f"the joints agree, yet the base travelled {travel[0]:.3f} m and the twin's {travel[1]:.3f} m",
-            "clean foot and desk, or change lamp.floor_friction in the calibration",
-            abs(difference) / TRAVEL,
+            f"the two clocks run apart by {drift * 1e6:+.0f} ppm",
+            "the lag grows steadily: " + ", ".join(f"{value * 1e6:+.0f}" for value in drifts) + " ppm, joint by joint",
+            "log both with one computer's monotonic clock",
+        )
+    faults = Counter(fault for tick in run.faults for fault in tick)
+    if faults:
+        text, count = faults.most_common(1)[0]
+        more = f", and {len(faults) - 1} other kinds" if len(faults) > 1 else ""
+        yield Finding(
+            "the log holds faults",
+            f"{text} ({count} times){more}",
+            "`robolamp setup check` finds a loose plug; see the events in the log",
         )

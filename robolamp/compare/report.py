@@ -1,31 +1,34 @@
-"""The report: one self-contained HTML file that a person can judge a run by."""
+"""The report: one self-contained HTML file that a person can judge a run by; report.js draws its plots."""
 
 from __future__ import annotations
 
 import base64
 import html
 import io
+import itertools
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
 from importlib.resources import files
 
 import numpy as np
 from PIL import Image
 
-from robolamp.compare import plots
 from robolamp.compare.align import JointError
 from robolamp.compare.comparison import Comparison
+from robolamp.compare.course import BANDS
+from robolamp.compare.figures import moving, page_data
+from robolamp.compare.flights import Flight
+from robolamp.compare.side import Base, origin
 from robolamp.files import write_atomic
-from robolamp.log.reader import Run
 from robolamp.twin.render import Picture, qpos_of, strip
 
+TWIN, LAMP = "#3a86c8", "#e0782a"
+"""Colours of the two."""
 _FRAMES = 7
-_STILL = 0.005  # goals that change less than this from tick to tick stand still [rad]
-_AFTER = 0.5  # how much of the rest after the motion a strip shows [s]
-_UNIT = re.compile(r"(\d) (cm|mrad|ms|s|N|V)\b")  # a number is not torn from its unit at a line's end
+_UNIT = re.compile(r"(\d) (cm|mrad|ms|s|N|V|%|ppm|Ohm)(?![\w])")  # a number is not torn from its unit at a line's end
 _ARTICLE = {"twin": "a twin in virtual time", "emulator": "an emulated lamp", "lamp": "a physical lamp"}
+_CODE = re.compile(r"`([^`]+)`")
 
 
 def write_report(comparison: Comparison) -> None:
@@ -42,25 +45,44 @@ def write_report(comparison: Comparison) -> None:
 
 def page(comparison: Comparison) -> str:
     """Return the report's HTML."""
-    run = comparison.run
-    name = run.context.get("controller_name") or run.path.stem
-    sections = [
+    name = comparison.run.context.get("controller_name") or comparison.run.path.stem
+    body = [
         _head(comparison, name),
-        _pictures(comparison),
-        _facts(comparison, name),
         _diagnosis(comparison),
+        _motion(comparison),
         _joints(comparison),
+        _hops(comparison),
         _rest(comparison),
+        _facts(comparison, name),
         _sources(comparison),
     ]
-    style = files("robolamp.compare").joinpath("report.css").read_text(encoding="utf-8")
-    colours = f":root {{ --twin: {plots.TWIN}; --lamp: {plots.LAMP}; }}"
+    return document(f"{name}: lamp against {comparison.other.name}", "\n".join(body), page_data(comparison))
+
+
+def document(title: str, body: str, data: str) -> str:
+    """Return a whole page with everything in it that it needs.
+
+    Args:
+        title: Of the page.
+        body: What it says, as HTML.
+        data: What report.js draws, as JSON; empty: nothing is drawn.
+    """
+    shelf = files("robolamp.compare").joinpath("page")
+    parts = {name: shelf.joinpath(name).read_text(encoding="utf-8") for name in _PARTS}
+    colours = f":root {{ --twin: {TWIN}; --lamp: {LAMP}; }}"
+    scripts = (
+        f'<script id="data" type="application/json">{data}</script>\n<script>{parts["uPlot.iife.min.js"]}</script>\n'
+        f"<script>\n{parts['report.js']}</script>\n"
+    )
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{_text(name)}: lamp against twin</title>\n<style>\n{style}{colours}\n</style>\n</head>\n"
-        "<body>\n<main>\n" + "\n".join(sections) + "\n</main>\n</body>\n</html>\n"
+        f"<title>{text(title)}</title>\n<style>\n{parts['uPlot.min.css']}\n{parts['report.css']}{colours}\n</style>\n"
+        f"</head>\n<body>\n<main>\n{body}\n</main>\n{scripts if data else ''}</body>\n</html>\n"
     )
+
+
+_PARTS = ("uPlot.iife.min.js", "uPlot.min.css", "report.js", "report.css")
 
 
 def sentence(comparison: Comparison) -> str:
@@ -71,54 +93,87 @@ def sentence(comparison: Comparison) -> str:
     lags = [joint.lag for joint in joints if math.isfinite(joint.lag)]
     lag = float(np.median(lags)) * 1e3 if lags else math.nan
     late = f", with a lag of {lag:+.1f} ms removed" if math.isfinite(lag) else ""
-    text = (
-        f"On average the joints are {mean:.1f} mrad from the twin's{late}; the {worst.name} is off most, by "
+    whose = "twin's" if comparison.other.name == "twin" else f"reference's ({comparison.other.name})"
+    said = (
+        f"On average the joints are {mean:.1f} mrad from the {whose}{late}; the {worst.name} is off most, by "
         f"{worst.after.mae * 1e3:.1f} mrad (allowed: {comparison.tolerances.joint_mae * 1e3:.0f})."
     )
-    if math.isfinite(comparison.lamp_travel):
-        text += f" The lamp came {_cm(comparison.lamp_travel)}, the twin {_cm(comparison.twin_travel)}."
-    return text
+    if math.isfinite(comparison.lamp_travel) and math.isfinite(comparison.twin_travel):
+        who = "the twin" if comparison.other.name == "twin" else comparison.other.name
+        said += f" The lamp came {_cm(comparison.lamp_travel)}, {who} {_cm(comparison.twin_travel)}."
+    return said
 
 
 def _head(comparison: Comparison, name: str) -> str:
-    failures = "".join(f"<li>{_text(item)}</li>" for item in comparison.exceeded)
+    failures = "".join(f"<li>{text(item)}</li>" for item in comparison.exceeded)
     backend = _ARTICLE.get(comparison.run.context.get("backend", ""), "a lamp")
+    against = "its twin" if comparison.reference is None else f"the run {comparison.reference.path.name}"
     cut = "<p class='note'>The log ends early: the process that wrote it was killed. What it holds is compared.</p>"
     return (
-        f"<header class='{comparison.verdict}'><p class='kicker'>{_text(name)} on {backend}, against its twin</p>"
+        f"<header class='{comparison.verdict}'><p class='kicker'>{text(name)} on {backend}, against {text(against)}</p>"
         f"<h1><span class='badge'>{comparison.verdict.capitalize()}</span> tolerances</h1>"
-        f"<p class='verdict'>{_text(sentence(comparison))}</p>"
+        f"<p class='verdict'>{text(sentence(comparison))} {text(_parted(comparison))}</p>"
         + (f"<ul class='failures'>{failures}</ul>" if failures else "")
         + (cut if comparison.run.truncated else "")
         + "</header>"
     )
 
 
-def _pictures(comparison: Comparison) -> str:
-    run, replay, truth = comparison.run, comparison.replay, comparison.truth
-    moments = np.linspace(*_moving(run), _FRAMES)
-    rows = np.searchsorted(replay.time, moments).clip(0, replay.time.size - 1)
-    labels = [_label(moment - run.scheduled[0], x) for moment, x in zip(moments, replay.base_x[rows], strict=True)]
-    figures = _figure(strip(replay.twin, replay.qpos[rows], labels), "twin", "The twin, with the goals of the log")
-    if truth is not None:
-        time = run.at(truth.log_time)
-        start = float(np.interp(run.began[0], time, truth.base_x))
-        tracks = [truth.base_x - start, truth.base_z, truth.pitch, *truth.angle.T]
-        poses = np.array([np.interp(moments, time, track) for track in tracks]).T
-        labels = [_label(moment - run.scheduled[0], pose[0]) for moment, pose in zip(moments, poses, strict=True)]
-        qpos = np.array([qpos_of(replay.twin, pose[:3].tolist(), pose[3:]) for pose in poses])
-        figures += _figure(strip(replay.twin, qpos, labels), "lamp", "The emulated lamp, as it truly moved")
-    return f"<section><h2>The motion</h2>{figures}</section>"
+def _parted(comparison: Comparison) -> str:
+    parting = comparison.parting
+    if math.isnan(parting.time):
+        return "They do not part for good: joints and base stay, or come back, within what is allowed."
+    when = f"They part for good {parting.time:.2f} s into the run, the {parting.joint} first"
+    return f"{when}; just then: {', '.join(parting.just_then)}." if parting.just_then else f"{when}."
 
 
-def _moving(run: Run) -> tuple[float, float]:
-    """Return from when to when the controller's goals moved, and half a second more [s]: what a strip is to show."""
-    running = np.flatnonzero(run.phase == "run")
-    if not running.size:
-        return float(run.began[0]), float(run.write_done[-1])
-    changed = np.flatnonzero((np.abs(np.diff(run.goal[running], axis=0)) > _STILL).any(axis=1))
-    last = run.began[running[changed[-1] + 1]] if changed.size else run.began[running[-1]]
-    return float(run.began[running[0]]), float(min(last + _AFTER, run.write_done[-1]))
+def _diagnosis(comparison: Comparison) -> str:
+    if not comparison.diagnosis:
+        return "<section><h2>What is different</h2><p>Nothing stands out.</p></section>"
+    items = ""
+    for finding in comparison.diagnosis:
+        share = ""
+        if math.isfinite(finding.share):
+            width = max(finding.share, 0.01)
+            share = f"<div class='bar' title='{finding.share:.0%}'><i style='width:{width:.1%}'></i></div>"
+        items += (
+            f"<li><strong>{text(_capital(finding.cause))}.</strong>{share}"
+            f"<p>{text(_capital(finding.evidence))}.</p><p class='remedy'>{text(_capital(finding.remedy))}.</p></li>"
+        )
+    how = (
+        "What must have changed between the two runs, what explains most first. Both were replayed in the twin with "
+        "each of its numbers bent; the bar is the share of the difference that a change accounts for"
+        if comparison.reference
+        else "Likeliest first. The twin was replayed with each of its numbers bent; the bar is how much of the "
+        "difference the best size explains, each line beyond those above it"
+    )
+    return f"<section><h2>What is different</h2><p class='note'>{how}.</p><ol class='diagnosis'>{items}</ol></section>"
+
+
+def _motion(comparison: Comparison) -> str:
+    run = comparison.run
+    moments = np.linspace(*moving(run), _FRAMES) - origin(run)
+    pictures = ""
+    for who, side in (("twin", comparison.other), ("lamp", comparison.lamp)):
+        if side.base is not None:
+            caption = f"The {side.name}" + (", as it truly moved" if who == "lamp" else "")
+            pictures += _figure(_poses(comparison, side.base, moments), who, caption)
+    borrowed = "" if comparison.lamp.base else " Nothing measures where the lamp's base is: it is drawn on the twin's."
+    return (
+        "<section><h2>The motion</h2><p class='note'>At half speed; or move over any plot below."
+        f"{text(borrowed)}</p><figure><canvas id='stage' role='img' aria-label='Both lamps from the side'></canvas>"
+        "<div class='controls'><button id='play' type='button' aria-pressed='false'>Play</button>"
+        "<input id='moment' type='range' min='0' value='0' aria-label='Moment'><output id='clock'></output>"
+        f"{_legend(comparison, goal=False)}</div></figure>{pictures}</section>"
+    )
+
+
+def _poses(comparison: Comparison, base: Base, moments: np.ndarray) -> Picture:
+    tracks = [base.x, base.z, base.pitch, *base.angle.T]
+    poses = np.array([np.interp(moments, base.time, track) for track in tracks]).T
+    labels = [f"{moment:.2f} s   {_cm(pose[0])}" for moment, pose in zip(moments, poses, strict=True)]
+    qpos = np.array([qpos_of(comparison.twin, pose[:3].tolist(), pose[3:]) for pose in poses])
+    return strip(comparison.twin, qpos, labels)
 
 
 def _figure(picture: Picture, who: str, caption: str) -> str:
@@ -126,25 +181,150 @@ def _figure(picture: Picture, who: str, caption: str) -> str:
     Image.fromarray(picture).save(stream, format="JPEG", quality=88)
     data = base64.b64encode(stream.getvalue()).decode()
     return (
-        f"<figure class='strip'><figcaption>{_swatch(who)}{_text(caption)}</figcaption>"
-        f"<img alt='{_text(caption)}' src='data:image/jpeg;base64,{data}'></figure>"
+        f"<figure class='strip'><figcaption>{_swatch(who)}{text(caption)}</figcaption><div class='scroll'>"
+        f"<img alt='{text(caption)}' src='data:image/jpeg;base64,{data}'></div></figure>"
     )
+
+
+def _plot(comparison: Comparison, title: str, *panels: str, legend: bool = True, goal: bool = False) -> str:
+    drawn = "".join(
+        f"<div class='panel'><p class='unit'>{text(label)}<span class='readout'></span></p>"
+        f"<div data-panel='{key}'></div></div>"
+        for key, _, label in (panel.partition("|") for panel in panels)
+    )
+    known = _legend(comparison, goal) if legend else ""
+    return f"<figure><figcaption><b>{text(title)}</b>{known}</figcaption>{drawn}</figure>"
+
+
+def _joints(comparison: Comparison) -> str:
+    allowed = comparison.tolerances
+    head = (
+        "<tr><th rowspan=2>joint</th><th rowspan=2>lag<br><small>ms</small></th>"
+        "<th rowspan=2>drift<br><small>ppm</small></th>"
+        "<th colspan=2>MAE <small>mrad</small></th><th colspan=2>RMSE <small>mrad</small></th>"
+        "<th rowspan=2>bias<br><small>mrad</small></th><th rowspan=2>worst<br><small>mrad</small></th>"
+        "<th rowspan=2>speed<br><small>mrad/s</small></th><th rowspan=2>current<br><small>mA</small></th>"
+        "<th rowspan=2>readings</th></tr><tr><th>as is</th><th>no lag</th><th>as is</th><th>no lag</th></tr>"
+    )
+    body = "".join(_row(comparison, index, joint) for index, joint in enumerate(comparison.joints))
+    figures = "".join(
+        _plot(
+            comparison,
+            joint.name,
+            f"{joint.name}|angle, rad",
+            f"off {joint.name}|difference without the lag, mrad (allowed on average: the band)",
+            f"current {joint.name}|current, mA",
+            goal=True,
+        )
+        for joint in comparison.joints
+    )
+    return (
+        "<section><h2>The joints</h2><p class='note'>Over the controller's part of the run (unshaded in the plots). "
+        f"A positive lag means that the lamp is later; errors are lamp minus {text(comparison.other.name)}. “No lag” "
+        f"is with each joint's own lag removed, and what the tolerance is for: {allowed.joint_mae * 1e3:g} mrad, "
+        f"{allowed.lag * 1e3:g} ms. Drag over a plot to look closer; a double click shows everything again.</p>"
+        f"<div class='scroll'><table class='numbers'><thead>{head}</thead><tbody>{body}</tbody></table></div>"
+        f"{figures}{_spectra(comparison)}</section>"
+    )
+
+
+def _row(comparison: Comparison, index: int, joint: JointError) -> str:
+    allowed, plain = comparison.tolerances, comparison.plain
+    late = " class='bad'" if abs(joint.lag) > allowed.lag else ""
+    off = " class='bad'" if joint.after.mae > allowed.joint_mae else ""
+    return (
+        f"<tr><th>{text(joint.name)}</th><td{late}>{_number(joint.lag * 1e3, '+.1f')}</td>"
+        f"<td>{_number(joint.drift * 1e6, '+.0f')}</td>"
+        f"<td>{_number(joint.before.mae * 1e3, '.1f')}</td><td{off}>{_number(joint.after.mae * 1e3, '.1f')}</td>"
+        f"<td>{_number(joint.before.rmse * 1e3, '.1f')}</td><td>{_number(joint.after.rmse * 1e3, '.1f')}</td>"
+        f"<td>{_number(joint.after.bias * 1e3, '+.1f')}</td>"
+        f"<td>{_number(joint.after.worst * 1e3, '+.0f')} "
+        f"<small>at {_number(joint.after.worst_at, '.2f')} s</small></td>"
+        f"<td>{_number(plain.velocity[index] * 1e3, '.0f')}</td><td>{_number(plain.current[index] * 1e3, '.0f')}</td>"
+        f"<td>{joint.samples}/{joint.of}</td></tr>"
+    )
+
+
+def _spectra(comparison: Comparison) -> str:
+    ends = [f"{low:g}–{high:g}" for low, high in itertools.pairwise(BANDS)]
+    head = "<th>joint</th>" + "".join(f"<th>{band} <small>Hz</small></th>" for band in (*ends, f"above {BANDS[-1]:g}"))
+    body = "".join(
+        f"<tr><th>{text(each.name)}</th>" + "".join(f"<td>{_number(v * 1e3, '.1f')}</td>" for v in each.bands) + "</tr>"
+        for each in comparison.spectra
+    )
+    return (
+        "<h3>Where in frequency the error lies</h3><p class='note'>RMS in each band, mrad. Slow: zeros and sag. In the "
+        "middle, where the lamp hops: strength, friction, delay. Fast: noise and impacts.</p>"
+        f"<div class='scroll'><table class='numbers'><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
+    )
+
+
+def _hops(comparison: Comparison) -> str:
+    if not comparison.flights:
+        foot = _plot(comparison, "Foot", "force|force, N")
+        return f"<section><h2>The hops</h2><p>Neither left the floor.</p>{foot}</section>"
+    allowed = comparison.tolerances.hop * 1e3
+    rows = ""
+    for number, hop in enumerate(comparison.flights, start=1):
+        late = "".join(
+            f"<td{' class=bad' if abs(value * 1e3) > allowed else ''}>{_number(value * 1e3, '+.0f')}</td>"
+            for value in (hop.off_late, hop.on_late)
+        )
+        rows += (
+            f"<tr><th>{number}</th><td>{_flight(hop.lamp, 'off')}</td><td>{_flight(hop.lamp, 'on')}</td>{late}"
+            f"<td>{_flight(hop.lamp, 'time')}</td><td>{_flight(hop.twin, 'time')}</td>"
+            f"<td>{_flight(hop.lamp, 'apex')}</td><td>{_flight(hop.twin, 'apex')}</td></tr>"
+        )
+    called = text(comparison.other.name)
+    head = (
+        "<tr><th rowspan=2>hop</th><th colspan=2>the lamp <small>s</small></th><th colspan=2>how late <small>ms</small>"
+        "</th><th colspan=2>flight <small>ms</small></th><th colspan=2>apex <small>mm</small></th></tr>"
+        f"<tr><th>takes off</th><th>lands</th><th>takes off</th><th>lands</th><th>lamp</th><th>{called}</th>"
+        f"<th>lamp</th><th>{called}</th></tr>"
+    )
+    return (
+        "<section><h2>The hops</h2><p class='note'>By the foot sensor: off the floor for 40 ms or longer. The apex is "
+        f"what the flight time implies, g t²/8. Allowed: {allowed:g} ms early or late.</p>"
+        f"<div class='scroll'><table class='numbers'><thead>{head}</thead><tbody>{rows}</tbody></table></div>"
+        f"{_plot(comparison, 'Foot', 'force|force, N')}</section>"
+    )
+
+
+def _flight(flight: Flight | None, name: str) -> str:
+    scale, form = {"off": (1.0, ".3f"), "on": (1.0, ".3f"), "time": (1e3, ".0f"), "apex": (1e3, ".1f")}[name]
+    return "–" if flight is None else _number(getattr(flight, name) * scale, form)
+
+
+def _rest(comparison: Comparison) -> str:
+    return (
+        "<section><h2>Base, supply and schedule</h2>"
+        + (_plot(comparison, "Base", "travel|travel, cm (the line: the goal)") if _knows_travel(comparison) else "")
+        + _plot(comparison, "Supply", "volts|lowest of the servos' voltages, V", legend=False)
+        + _plot(comparison, "Tick period", "period|from tick to tick, ms", legend=False)
+        + "</section>"
+    )
+
+
+def _knows_travel(comparison: Comparison) -> bool:
+    return comparison.lamp.base is not None or comparison.other.base is not None
 
 
 def _facts(comparison: Comparison, name: str) -> str:
     run = comparison.run
     faults = Counter(fault for tick in run.faults for fault in tick)
-    told = ", ".join(f"{text} ({count}×)" for text, count in faults.most_common(4)) or "none"
+    told = ", ".join(f"{fault} ({count}×)" for fault, count in faults.most_common(4)) or "none"
     if len(faults) > 4:
         told += f", and {len(faults) - 4} more kinds"
     changed = run.interventions[-1]
+    called = comparison.other.name
     periods = np.diff(run.began) * 1e3
     rows = [
         ("Controller", name),
         ("Goal", _cm(run.goal_m)),
         ("Landed", _landed(comparison)),
-        ("Upright", _upright(comparison)),
-        ("Hops", f"{comparison.hops} on the lamp, {comparison.twin_hops} in the twin (by the foot sensor)"),
+        ("Upright", f"lamp {_stood(comparison.lamp.fell)}, {called} {_stood(comparison.other.fell)}"),
+        ("Hops", f"{comparison.lamp.hops} on the lamp, {comparison.other.hops} of the {called} (by the foot sensor)"),
+        ("Controller again", comparison.control.text),
         ("Ticks", f"{run.index.size} of {run.control_period * 1e3:g} ms; {run.missed_ticks} missed"),
         ("Faults", told),
         ("Envelope", f"{changed[0]} not finite, {changed[1]} limited, {changed[2]} slewed"),
@@ -153,23 +333,24 @@ def _facts(comparison: Comparison, name: str) -> str:
         ("Command", run.context.get("command", "not in the log")),
         ("Log", str(run.path)),
     ]
+    if comparison.reference is not None:
+        rows.append(("Against", str(comparison.reference.path)))
     if periods.size:
         middle, late = np.percentile(periods, [50, 99])
-        rows.insert(6, ("Tick period", f"{middle:.2f} ms p50, {late:.2f} ms p99, {periods.max():.2f} ms longest"))
-    body = "".join(f"<tr><th>{_text(key)}</th><td>{_text(value)}</td></tr>" for key, value in rows)
+        rows.insert(7, ("Tick period", f"{middle:.2f} ms p50, {late:.2f} ms p99, {periods.max():.2f} ms longest"))
+    body = "".join(f"<tr><th>{text(key)}</th><td>{text(value)}</td></tr>" for key, value in rows)
     return f"<section><h2>The run</h2><table class='facts'>{body}</table></section>"
 
 
 def _landed(comparison: Comparison) -> str:
-    twin = f"twin {_cm(comparison.twin_travel)}"
+    other = f"{comparison.other.name} {_cm(comparison.twin_travel)}"
     if not math.isfinite(comparison.lamp_travel):
-        return f"{twin}; the lamp's own travel is not measured"
-    return f"lamp {_cm(comparison.lamp_travel)}, {twin}"
+        return f"{other}; the lamp's own travel is not measured"
+    return f"lamp {_cm(comparison.lamp_travel)}, {other}"
 
 
-def _upright(comparison: Comparison) -> str:
-    lamp = {None: "lamp not known", False: "lamp stayed up", True: "lamp fell"}[comparison.fell]
-    return f"{lamp}, {'twin fell' if comparison.twin_fell else 'twin stayed up'}"
+def _stood(fell: bool | None) -> str:
+    return {None: "not known", False: "stayed up", True: "fell"}[fell]
 
 
 def _same(comparison: Comparison) -> str:
@@ -177,71 +358,6 @@ def _same(comparison: Comparison) -> str:
     if not logged or logged == comparison.calibration.hash:
         return ""
     return f" (the run was made with {comparison.run.context.get('calibration_name', 'another')}, {logged[:12]})"
-
-
-def _diagnosis(comparison: Comparison) -> str:
-    if not comparison.diagnosis:
-        return "<section><h2>Diagnosis</h2><p>Nothing stands out.</p></section>"
-    items = "".join(
-        f"<li><strong>{_text(_capital(finding.cause))}.</strong> {_text(_capital(finding.evidence))}. "
-        f"<em>{_text(_capital(finding.remedy))}.</em></li>"
-        for finding in comparison.diagnosis
-    )
-    return (
-        f"<section><h2>Diagnosis</h2><p class='note'>Likeliest first.</p><ol class='diagnosis'>{items}</ol></section>"
-    )
-
-
-def _joints(comparison: Comparison) -> str:
-    allowed = comparison.tolerances
-    head = (
-        "<tr><th rowspan=2>joint</th><th rowspan=2>lag<br><small>ms</small></th>"
-        "<th colspan=2>MAE <small>mrad</small></th><th colspan=2>RMSE <small>mrad</small></th>"
-        "<th rowspan=2>bias<br><small>mrad</small></th>"
-        "<th rowspan=2>worst<br><small>mrad</small></th><th rowspan=2>swing<br><small>lamp/twin</small></th>"
-        "<th rowspan=2>readings</th></tr>"
-        "<tr><th>as is</th><th>no lag</th><th>as is</th><th>no lag</th></tr>"
-    )
-    body = "".join(_row(joint, allowed.joint_mae, allowed.lag, comparison) for joint in comparison.joints)
-    figures = "".join(
-        f"<figure><figcaption><b>{_text(joint.name)}</b>{_legend()}</figcaption>{plots.joint_plot(comparison, index)}"
-        "</figure>"
-        for index, joint in enumerate(comparison.joints)
-    )
-    return (
-        "<section><h2>The joints</h2><p class='note'>Over the controller's part of the run (unshaded in the plots). "
-        "A positive lag means that the lamp is later than the twin; errors are lamp minus twin. “No lag” is with each "
-        f"joint's own lag removed, and what the tolerance is for: {allowed.joint_mae * 1e3:g} mrad, "
-        f"{allowed.lag * 1e3:g} ms.</p>"
-        f"<div class='scroll'><table class='numbers'><thead>{head}</thead><tbody>{body}</tbody></table></div>"
-        f"{figures}</section>"
-    )
-
-
-def _row(joint: JointError, mae: float, lag: float, comparison: Comparison) -> str:
-    late = " class='bad'" if abs(joint.lag) > lag else ""
-    off = " class='bad'" if joint.after.mae > mae else ""
-    when = joint.after.worst_at - comparison.run.scheduled[0]
-    return (
-        f"<tr><th>{_text(joint.name)}</th><td{late}>{_number(joint.lag * 1e3, '+.1f')}</td>"
-        f"<td>{_number(joint.before.mae * 1e3, '.1f')}</td><td{off}>{_number(joint.after.mae * 1e3, '.1f')}</td>"
-        f"<td>{_number(joint.before.rmse * 1e3, '.1f')}</td><td>{_number(joint.after.rmse * 1e3, '.1f')}</td>"
-        f"<td>{_number(joint.after.bias * 1e3, '+.1f')}</td>"
-        f"<td>{_number(joint.after.worst * 1e3, '+.0f')} <small>at {_number(when, '.2f')} s</small></td>"
-        f"<td>{_number(joint.swing, '.3f')}</td><td>{joint.samples}/{joint.of}</td></tr>"
-    )
-
-
-def _rest(comparison: Comparison) -> str:
-    drawn: Sequence[tuple[str, str, str]] = [
-        ("Foot", _legend(goal=False), plots.force_plot(comparison)),
-        ("Base", _legend(goal=False), plots.travel_plot(comparison)),
-        ("Tick period", "", plots.period_plot(comparison)),
-    ]
-    figures = "".join(
-        f"<figure><figcaption><b>{title}</b>{legend}</figcaption>{plot}</figure>" for title, legend, plot in drawn
-    )
-    return f"<section><h2>Foot, base and schedule</h2>{figures}</section>"
 
 
 def _sources(comparison: Comparison) -> str:
@@ -253,26 +369,23 @@ def _sources(comparison: Comparison) -> str:
     ]
     if context.get("calibration", comparison.calibration.source) != comparison.calibration.source:
         texts.append(("Calibration in the log", context["calibration"]))
-    events = "\n".join(f"{level}: {text}" for _, level, text in comparison.run.events)
+    events = "\n".join(f"{level}: {line}" for _, level, line in comparison.run.events)
     body = "".join(
-        f"<details><summary>{_text(title)}</summary><pre>{_text(text)}</pre></details>"
-        for title, text in [*texts, ("Events", events)]
-        if text
+        f"<details><summary>{text(title)}</summary><pre>{text(content)}</pre></details>"
+        for title, content in [*texts, ("Events", events)]
+        if content
     )
     return f"<section><h2>Sources</h2>{body}</section>"
 
 
-def _legend(goal: bool = True) -> str:
+def _legend(comparison: Comparison, goal: bool = True) -> str:
     sent = "<span><i class='swatch goal'></i>goal</span>" if goal else ""
-    return f"<span class='legend'><span>{_swatch('twin')}twin</span><span>{_swatch('lamp')}lamp</span>{sent}</span>"
+    called = text(comparison.other.name)
+    return f"<span class='legend'><span>{_swatch('twin')}{called}</span><span>{_swatch('lamp')}lamp</span>{sent}</span>"
 
 
 def _swatch(who: str) -> str:
     return f"<i class='swatch {who}'></i>"
-
-
-def _label(time: float, x: float) -> str:
-    return f"{time:.2f} s   {_cm(x)}"
 
 
 def _cm(metres: float) -> str:
@@ -283,9 +396,10 @@ def _number(value: float, form: str) -> str:
     return format(value, form).replace("-", "−") if math.isfinite(value) else "–"
 
 
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
+def _capital(said: str) -> str:
+    return said[:1].upper() + said[1:]
 
 
-def _text(value: str) -> str:
-    return _UNIT.sub("\\1\u00a0\\2", html.escape(value))
+def text(value: str) -> str:
+    """Return text as HTML; what stands between backticks as code."""
+    return _CODE.sub(r"<code>\1</code>", _UNIT.sub("\\1\u00a0\\2", html.escape(value)))

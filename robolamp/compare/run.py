@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 import contextlib
-import math
+import dataclasses
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration
-from robolamp.compare.align import MIN_SAMPLES, JointError, Trace, compare_joint
+from robolamp.compare.align import JointError, Trace, compare_joint
+from robolamp.compare.change import changed
 from robolamp.compare.comparison import Comparison
-from robolamp.compare.diagnosis import diagnose
+from robolamp.compare.control import replay_controller
+from robolamp.compare.course import parting, plain, residuals, spectrum
+from robolamp.compare.diagnosis import Finding, diagnose
+from robolamp.compare.evidence import Evidence
+from robolamp.compare.explain import explain
+from robolamp.compare.flights import Hop, flights, hops
 from robolamp.compare.replay import Replay, replay
 from robolamp.compare.report import write_report
+from robolamp.compare.side import Side, compared, of_replay, of_run, origin
 from robolamp.compare.tolerances import Tolerances, load_tolerances
 from robolamp.errors import FileError
-from robolamp.lamp import load_lamp
+from robolamp.lamp import Lamp, load_lamp
 from robolamp.log.reader import Run, read_run, read_truth
 from robolamp.log.schemas import TWIN_PREFIX
 from robolamp.log.writer import LogWriter
@@ -34,6 +40,7 @@ def compare_log(
     out: Path | str,
     truth: Path | str | None = None,
     tolerances: Tolerances | None = None,
+    diagnosis: bool = True,
 ) -> Comparison:
     """Replay a log in the twin, compare, and write the report and the replay's own log beside it.
 
@@ -44,6 +51,7 @@ def compare_log(
         out: The HTML report; the replay's log gets the same name with ".twin.mcap".
         truth: The truth log of an emulated lamp, where there is one.
         tolerances: What is allowed; None: calibration/tolerances/default.toml.
+        diagnosis: Replay bent twins to say what differs; takes a few seconds.
 
     Raises:
         FileError: A file is missing, is no log, or belongs to another lamp; the report cannot be written.
@@ -51,100 +59,216 @@ def compare_log(
     """
     report = Path(out)
     twin_log = report.with_name(f"{report.stem}.twin.mcap")
-    for given in (log, truth):
-        if given is not None and Path(given).resolve() in (report.resolve(), twin_log.resolve()):
-            raise FileError("would be overwritten by the report or the replay's log; choose another -o", str(given))
+    _spare((log, truth), (report, twin_log))
     allowed = tolerances or load_tolerances(assets)
     run = read_run(log)
     true = None if truth is None else read_truth(truth)
     lamp = load_lamp(assets)
     twin = replay(run, lamp, calibration, assets)
-    joints = compare_joints(run, twin)
-    if not any(joint.samples for joint in joints):
-        raise FileError("no joint has a reading to compare", str(run.path))
-    travel = (
-        (math.nan if true is None else _travel(run, run.at(true.log_time), true.base_x, true.path)),
-        _travel(run, twin.time, twin.base_x, run.path),
+    comparison = _lay_over(
+        run, twin, lamp, of_run(run, true, "lamp"), of_replay(run, twin), None, calibration, allowed, report, twin_log
     )
-    comparison = Comparison(
-        run=run,
-        replay=twin,
-        truth=true,
-        joints=joints,
-        lamp_travel=travel[0],
-        twin_travel=travel[1],
-        calibration=calibration,
-        tolerances=allowed,
-        exceeded=tuple(_exceeded(joints, travel, allowed)),
-        diagnosis=tuple(diagnose(run, twin, joints, calibration, travel)),
-        report=report,
-        twin_log=twin_log,
-    )
-    _write_twin_log(comparison)
-    write_report(comparison)
-    return comparison
+    explained = explain(Evidence(run, lamp, calibration, assets), lamp) if diagnosis else []
+    found = diagnose(run, explained, comparison.joints, calibration, lamp)
+    return _finish(comparison, tuple(found))
 
 
-def compare_joints(run: Run, twin: Replay) -> tuple[JointError, ...]:
+def compare_logs(
+    log: Path | str,
+    reference: Path | str,
+    *,
+    assets: Assets,
+    calibration: Calibration,
+    out: Path | str,
+    truths: tuple[Path | None, Path | None] = (None, None),
+    tolerances: Tolerances | None = None,
+    diagnosis: bool = True,
+) -> Comparison:
+    """Compare two runs of one controller to one goal: a lamp's with a simulation's, or today's with yesterday's.
+
+    Both are laid over each other from the controller's first tick on. The diagnosis replays both in the twin, and says
+    what must have changed between them.
+
+    Args:
+        log: The run that is judged.
+        reference: What it is held against.
+        assets: Where lamp, model and tolerances are.
+        calibration: What the twin is calculated with, for the diagnosis.
+        out: The HTML report.
+        truths: What truly happened in each, of emulated lamps.
+        tolerances: What is allowed; None: calibration/tolerances/default.toml.
+        diagnosis: Replay bent twins to say what differs; takes a few seconds.
+
+    Raises:
+        FileError: A file is missing, is no log, or belongs to another lamp; the two are of different controllers or
+            goals; the report cannot be written.
+        SafetyError: A logged goal is outside the lamp's limits.
+    """
+    report = Path(out)
+    _spare((log, reference, *truths), (report,))
+    allowed = tolerances or load_tolerances(assets)
+    run, held = read_either(log), read_either(reference)
+    _same_task(run, held)
+    lamp = load_lamp(assets)
+    true = [None if truth is None else read_truth(truth) for truth in truths]
+    twin = replay(run, lamp, calibration, assets)
+    ours, other = of_run(run, true[0], "lamp"), of_run(held, true[1], _called(held))
+    # Beyond the end of the other's run the two no longer do the same.
+    rows = compared(held)
+    end = float(held.scheduled[rows][-1]) - origin(held) + held.control_period
+    other = dataclasses.replace(other, angle=np.where(other.time <= end, other.angle, np.nan))
+    comparison = _lay_over(run, twin, lamp, ours, other, held, calibration, allowed, report, None)
+    explained = []
+    if diagnosis:
+        both = Evidence(run, lamp, calibration, assets), Evidence(held, lamp, calibration, assets)
+        explained = changed(*both, lamp)
+    than = "in the simulation" if comparison.other.name == "twin" else "before"
+    return _finish(comparison, tuple(diagnose(run, explained, comparison.joints, calibration, lamp, than)))
+
+
+def read_either(path: Path | str) -> Run:
+    """Read a lamp's log, or the log of a twin's replay.
+
+    Args:
+        path: The log.
+
+    Raises:
+        FileError: It is neither.
+    """
+    try:
+        return read_run(path)
+    except FileError as error:
+        try:
+            return read_run(path, TWIN_PREFIX)
+        except FileError:
+            raise error from None
+
+
+def compare_joints(run: Run, lamp: Side, other: Side) -> tuple[JointError, ...]:
     """Return the difference joint by joint over phase "run"; over everything where that phase is missing or cut short.
 
     Args:
         run: The lamp's run.
-        twin: The twin's replay.
+        lamp: What the lamp did.
+        other: What it is held against.
     """
     rows = compared(run)
     return tuple(
         compare_joint(
             name,
-            Trace.of(twin.time, twin.angle[:, index]),
-            Trace.of(run.sampled_at[rows, index], run.angle[rows, index]),
+            other.trace(index),
+            Trace.of(lamp.time[rows, index], lamp.angle[rows, index]),
             int(np.count_nonzero(rows)),
         )
         for index, name in enumerate(run.joints)
     )
 
 
-def compared(run: Run) -> NDArray[np.bool_]:
-    """Return which ticks are compared, shape (N,): standing still at the start would dilute the errors.
+def _lay_over(
+    run: Run,
+    twin: Replay,
+    lamp: Lamp,
+    ours: Side,
+    other: Side,
+    reference: Run | None,
+    calibration: Calibration,
+    allowed: Tolerances,
+    report: Path,
+    twin_log: Path | None,
+) -> Comparison:
+    joints = compare_joints(run, ours, other)
+    if not any(joint.samples for joint in joints):
+        raise FileError("no joint has a reading to compare", str(run.path))
+    found = hops(flights(ours, lamp), flights(other, lamp))
+    off = residuals(ours, other, joints)
+    rows = compared(run)
+    zero = origin(run)
+    begin, end = float(run.scheduled[rows][0]) - zero, float(run.scheduled[rows][-1]) - zero
+    within = [(time[(time >= begin) & (time <= end)], error[(time >= begin) & (time <= end)]) for time, error in off]
+    return Comparison(
+        run=run,
+        lamp=ours,
+        other=other,
+        reference=reference,
+        replay=twin,
+        joints=joints,
+        plain=plain(ours, other, begin, end),
+        spectra=tuple(spectrum(joint.name, *each) for joint, each in zip(joints, within, strict=True)),
+        flights=tuple(found),
+        parting=parting(run, ours, other, joints, found, allowed.joint_mae, allowed.travel),
+        control=replay_controller(run, lamp),
+        calibration=calibration,
+        tolerances=allowed,
+        exceeded=tuple(_exceeded(joints, found, ours, other, allowed)),
+        diagnosis=(),
+        report=report,
+        twin_log=twin_log,
+    )
 
-    Args:
-        run: The lamp's run.
-    """
-    running = run.phase == "run"
-    return running if np.count_nonzero(running) >= MIN_SAMPLES else np.ones(run.index.size, bool)
+
+def _finish(comparison: Comparison, found: tuple[Finding, ...]) -> Comparison:
+    whole = dataclasses.replace(comparison, diagnosis=found)
+    if whole.twin_log is not None:
+        _write_twin_log(whole, whole.twin_log)
+    write_report(whole)
+    return whole
 
 
-def _travel(run: Run, time: NDArray[np.float64], base_x: NDArray[np.float64], path: Path) -> float:
-    begin, end = float(run.began[0]), float(run.write_done[-1])
-    if time[-1] < begin or time[0] > end:
-        raise FileError(f"has nothing of the time of {run.path}: it is of another run", str(path))
-    start, stop = np.interp([begin, end], time, base_x)
-    return float(stop - start)
+def _spare(given: tuple[Path | str | None, ...], made: tuple[Path, ...]) -> None:
+    for path in given:
+        if path is not None and Path(path).resolve() in [each.resolve() for each in made]:
+            raise FileError("would be overwritten by the report or the replay's log; choose another -o", str(path))
 
 
-def _exceeded(joints: tuple[JointError, ...], travel: tuple[float, float], allowed: Tolerances) -> list[str]:
-    found = []
+def _same_task(run: Run, held: Run) -> None:
+    if run.joints != held.joints:
+        raise FileError(
+            f"is of joints {', '.join(held.joints)}; {run.path} is of {', '.join(run.joints)}", str(held.path)
+        )
+    if run.context.get("controller") != held.context.get("controller"):
+        raise FileError(
+            f"is a run of controller {held.context.get('controller_name', 'unknown')!r}; {run.path} is one of "
+            f"{run.context.get('controller_name', 'unknown')!r}: only runs of one controller compare",
+            str(held.path),
+        )
+    if run.goal_m != held.goal_m and not (np.isnan(run.goal_m) and np.isnan(held.goal_m)):
+        raise FileError(f"goes to {held.goal_m:g} m, {run.path} to {run.goal_m:g} m: not one task", str(held.path))
+
+
+def _called(held: Run) -> str:
+    return "twin" if held.context.get("backend") == "twin" else held.path.stem
+
+
+def _exceeded(
+    joints: tuple[JointError, ...], found: list[Hop], lamp: Side, other: Side, allowed: Tolerances
+) -> Iterator[str]:
     for joint in joints:
         if joint.samples == 0:
-            found.append(f"{joint.name}: no readings to compare")
+            yield f"{joint.name}: no readings to compare"
         if joint.after.mae > allowed.joint_mae:
-            found.append(
+            yield (
                 f"{joint.name}: MAE {joint.after.mae * 1e3:.1f} mrad with the lag removed, "
                 f"allowed {allowed.joint_mae * 1e3:.1f} mrad"
             )
         if abs(joint.lag) > allowed.lag:
-            found.append(f"{joint.name}: lag {joint.lag * 1e3:+.1f} ms, allowed {allowed.lag * 1e3:.1f} ms")
-    difference = travel[0] - travel[1]
+            yield f"{joint.name}: lag {joint.lag * 1e3:+.1f} ms, allowed {allowed.lag * 1e3:.1f} ms"
+    for number, hop in enumerate(found, start=1):
+        for word, late in (("takes off", hop.off_late), ("lands", hop.on_late)):
+            if abs(late) > allowed.hop:
+                yield (
+                    f"hop {number}: {word} {abs(late) * 1e3:.0f} ms {'late' if late > 0 else 'early'}, "
+                    f"allowed {allowed.hop * 1e3:.0f} ms"
+                )
+    difference = lamp.travel - other.travel
     if abs(difference) > allowed.travel:
-        found.append(
-            f"travel: lamp {travel[0] * 1e2:.1f} cm, twin {travel[1] * 1e2:.1f} cm, "
+        yield (
+            f"travel: lamp {lamp.travel * 1e2:.1f} cm, {other.name} {other.travel * 1e2:.1f} cm, "
             f"allowed difference {allowed.travel * 1e2:.1f} cm"
         )
-    return found
 
 
-def _write_twin_log(comparison: Comparison) -> None:
-    run, path = comparison.run, comparison.twin_log
+def _write_twin_log(comparison: Comparison, path: Path) -> None:
+    run = comparison.run
     context: Mapping[str, str] = {
         **run.context,
         "backend": "twin",

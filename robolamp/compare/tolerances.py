@@ -18,6 +18,7 @@ class Tolerances:
         joint_mae: Each joint's mean absolute error once the lag is removed [rad].
         lag: Each joint's lag, either way [s].
         travel: Difference of the base's travel, where it is known [m].
+        hop: Difference of each hop's take-off, landing and flight time [s].
         path: The file.
     """
 
@@ -25,6 +26,7 @@ class Tolerances:
     joint_mae: float
     lag: float
     travel: float
+    hop: float
     path: Path
 
 
@@ -46,6 +48,7 @@ def load_tolerances(assets: Assets, name: str | Path = "default") -> Tolerances:
         joint_mae=root.number("joint_mae", 0.0, 3.0, "rad"),
         lag=root.number("lag", 0.0, 1.0, "s"),
         travel=root.number("travel", 0.0, 10.0, "m"),
+        hop=root.number("hop", 0.0, 10.0, "s", default=0.08),
         path=path,
     )
     root.done()

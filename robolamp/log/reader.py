@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.errors import FileError
+from robolamp.log.cdr import Rows
 from robolamp.log.schemas import (
     EVENT,
     JOINT_STATE,
@@ -21,6 +21,7 @@ from robolamp.log.schemas import (
     TRUTH,
     TRUTH_BASE_TOPIC,
     TRUTH_JOINTS_TOPIC,
+    TWIN_PREFIX,
 )
 from robolamp.log.stream import Contents, read_contents
 
@@ -186,33 +187,62 @@ def read_run(path: Path | str, prefix: str = LAMP_PREFIX) -> Run:
     Raises:
         FileError: The file cannot be read, is not MCAP, is not a log of robolamp's, or holds no ticks.
     """
-    contents = read_contents(Path(path))
-    ticks = contents.topic(f"{prefix}/tick", TICK)
-    goals = contents.topic(f"{prefix}/goals", JOINT_STATE)
-    measured = contents.topic(f"{prefix}/measured", JOINT_STATE)
-    count = min(len(ticks), len(goals), len(measured))
-    messages = [message for _, message in ticks[:count]]
-    joints = tuple(goals[0][1].name)
-    table = _Table(contents, messages, len(joints))
-    sent = _Table(contents, [message for _, message in goals[:count]], len(joints))
-    seen = _Table(contents, [message for _, message in measured[:count]], len(joints))
+    return run_of(read_contents(Path(path)), prefix)
+
+
+def prefix_in(contents: Contents) -> str:
+    """Return the first part of the topics of the run in a log: "/twin" where only a twin's replay is in it.
+
+    Args:
+        contents: What the file holds.
+    """
+    topics = contents.topics
+    return TWIN_PREFIX if f"{TWIN_PREFIX}/tick" in topics and f"{LAMP_PREFIX}/tick" not in topics else LAMP_PREFIX
+
+
+def run_of(contents: Contents, prefix: str = LAMP_PREFIX) -> Run:
+    """Return the run in a log that has been read.
+
+    Args:
+        contents: What the file holds.
+        prefix: First part of the topics: "/lamp", or "/twin" for a replay.
+
+    Raises:
+        FileError: It is not a log of robolamp's, or holds no ticks.
+    """
+    tick_times, ticks = contents.topic(f"{prefix}/tick", TICK, *_TICK_FIELDS)
+    goal_times, goals = contents.topic(f"{prefix}/goals", JOINT_STATE, "position", first=("name",))
+    seen_times, seen = contents.topic(f"{prefix}/measured", JOINT_STATE, "position", "velocity", "effort")
+    joints = goals["name"][0]
+    log_time = np.array(tick_times, dtype=np.int64)
+    stamps = log_time - _nanoseconds(ticks["write_done"]) + _nanoseconds(ticks["measured_at"])
+    rows, of_goals, of_seen = _matched(
+        (log_time, stamps), np.array(goal_times, np.int64), np.array(seen_times, np.int64)
+    )
+    if not rows.size:
+        raise FileError(
+            "holds no whole tick: goals, measurements and the rest are of different times", str(contents.path)
+        )
+    table = _Table(contents.path, ticks, rows, len(joints))
+    sent = _Table(contents.path, goals, of_goals, len(joints))
+    measured = _Table(contents.path, seen, of_seen, len(joints))
     return Run(
-        path=Path(path),
+        path=contents.path,
         context=contents.metadata.get(METADATA, {}),
         truncated=contents.truncated,
-        joints=joints,
-        log_time=np.array([log_time for log_time, _ in ticks[:count]], dtype=np.int64),
+        joints=tuple(joints),
+        log_time=log_time[rows],
         index=table.integers("index"),
-        phase=np.array([message.phase for message in messages], dtype=np.str_),
+        phase=np.array(table.texts("phase"), dtype=np.str_),
         scheduled=table.numbers("scheduled"),
         began=table.numbers("began"),
         read_done=table.numbers("read_done"),
         write_done=table.numbers("write_done"),
         measured_at=table.numbers("measured_at"),
         goal=sent.rows("position"),
-        angle=seen.rows("position"),
-        velocity=seen.rows("velocity"),
-        current=seen.rows("effort"),
+        angle=measured.rows("position"),
+        velocity=measured.rows("velocity"),
+        current=measured.rows("effort"),
         angle_age=table.rows("angle_age"),
         foot_force=table.numbers("foot_force"),
         foot_age=table.numbers("foot_age"),
@@ -226,7 +256,7 @@ def read_run(path: Path | str, prefix: str = LAMP_PREFIX) -> Run:
         inputs=table.ragged("inputs"),
         outputs=table.ragged("outputs"),
         interventions=np.stack([table.integers(name) for name in ("not_finite", "limited", "slewed")], axis=1),
-        faults=[tuple(message.faults) for message in messages],
+        faults=table.texts("faults"),
         events=_events(contents, prefix),
     )
 
@@ -241,17 +271,22 @@ def read_truth(path: Path | str) -> Truth:
         FileError: The file cannot be read, is not MCAP, or holds no truth.
     """
     contents = read_contents(Path(path))
-    base = contents.topic(TRUTH_BASE_TOPIC, TRUTH)
-    joints = contents.topic(TRUTH_JOINTS_TOPIC, JOINT_STATE)
-    count = min(len(base), len(joints))
-    names = tuple(joints[0][1].name)
-    table = _Table(contents, [message for _, message in base[:count]], len(names))
-    states = _Table(contents, [message for _, message in joints[:count]], len(names))
+    base_times, base = contents.topic(
+        TRUTH_BASE_TOPIC, TRUTH, "base_x", "base_z", "pitch", "clearance", "force", "fallen"
+    )
+    joint_times, joints = contents.topic(
+        TRUTH_JOINTS_TOPIC, JOINT_STATE, "position", "velocity", "effort", first=("name",)
+    )
+    names = joints["name"][0]
+    log_time = np.array(base_times, dtype=np.int64)
+    rows, of_joints = _matched((log_time,), np.array(joint_times, np.int64))
+    table = _Table(contents.path, base, rows, len(names))
+    states = _Table(contents.path, joints, of_joints, len(names))
     return Truth(
         path=Path(path),
         truncated=contents.truncated,
-        joints=names,
-        log_time=np.array([log_time for log_time, _ in base[:count]], dtype=np.int64),
+        joints=tuple(names),
+        log_time=log_time[rows],
         angle=states.rows("position"),
         velocity=states.rows("velocity"),
         torque=states.rows("effort"),
@@ -264,19 +299,56 @@ def read_truth(path: Path | str) -> Truth:
     )
 
 
-class _Table:
-    """The messages of one topic, turned into arrays field by field."""
+_TICK_FIELDS = (
+    "index", "phase", "scheduled", "began", "read_done", "write_done", "measured_at", "angle_age", "foot_force",
+    "foot_age", "contact", "hops", "voltage", "temperature", "pwm", "torque", "hardware_error", "inputs", "outputs",
+    "not_finite", "limited", "slewed", "faults",
+)  # fmt: skip
 
-    def __init__(self, contents: Contents, messages: Sequence[Any], joints: int) -> None:
-        self._contents = contents
-        self._messages = messages
-        self._joints = joints
+
+def _nanoseconds(seconds: Array) -> NDArray[np.int64]:
+    return np.rint(seconds * 1e9).astype(np.int64)
+
+
+def _matched(keys: tuple[NDArray[np.int64], ...], *others: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
+    """Return which messages of several topics belong together: their rows, as many of each.
+
+    A chunk of the file may begin or end between the messages of one tick; where one is lost, so is the tick.
+
+    Args:
+        keys: Times by which the first topic knows its messages in each of the others; one for all, or one for each.
+        others: The other topics' log times.
+    """
+    if len(keys) == 1:
+        keys = keys * len(others)
+    if all(key.size == times.size and (key == times).all() for key, times in zip(keys, others, strict=True)):
+        return (np.arange(keys[0].size),) * (1 + len(others))
+    rows = np.arange(keys[0].size)
+    for key, times in zip(keys, others, strict=True):
+        rows = rows[np.isin(key[rows], times)]
+    rows = rows[np.unique(keys[0][rows], return_index=True)[1]]
+    places = [
+        np.argsort(times, kind="stable")[np.searchsorted(np.sort(times, kind="stable"), key[rows])]
+        for key, times in zip(keys, others, strict=True)
+    ]
+    return (rows, *places)
+
+
+class _Table:
+    """Rows of one topic's columns, as a run has them."""
+
+    def __init__(self, path: Path, columns: dict[str, Any], rows: NDArray[np.int64], joints: int) -> None:
+        self._path, self._columns, self._rows, self._joints = path, columns, rows, joints
 
     def numbers(self, name: str) -> Array:
-        return np.array([getattr(message, name) for message in self._messages], dtype=np.float64)
+        return self._columns[name][self._rows].astype(np.float64)
 
     def integers(self, name: str) -> NDArray[np.int64]:
-        return np.array([getattr(message, name) for message in self._messages], dtype=np.int64)
+        return self._columns[name][self._rows].astype(np.int64)
+
+    def texts(self, name: str) -> list[Any]:
+        column = self._columns[name]
+        return [column[row] for row in self._rows.tolist()]
 
     def rows(self, name: str) -> Array:
         """One value a joint; a message without any is a row of NaN."""
@@ -288,23 +360,22 @@ class _Table:
 
     def ragged(self, name: str) -> Array:
         """As many values as the longest message has; a message without any is a row of NaN."""
-        return self._fill(name, max((len(getattr(message, name)) for message in self._messages), default=0))
+        return self._fill(name, self._columns[name].values.shape[1])
 
     def _fill(self, name: str, width: int) -> Array:
-        array = np.full((len(self._messages), width), np.nan)
-        for row, message in enumerate(self._messages):
-            values = getattr(message, name)
-            if len(values) not in (0, width):
-                raise FileError(
-                    f"message {row}: {name} has {len(values)} values, expected {width}", str(self._contents.path)
-                )
-            if len(values):
-                array[row] = values
-        return array
+        column: Rows = self._columns[name]
+        wrong = np.flatnonzero((column.lengths != 0) & (column.lengths != width))
+        if wrong.size:
+            raise FileError(
+                f"message {wrong[0]}: {name} has {column.lengths[wrong[0]]} values, expected {width}", str(self._path)
+            )
+        values = column.values if width == column.values.shape[1] else np.empty((len(column.lengths), width))
+        return np.where(column.lengths[:, None] == width, values, np.nan)[self._rows]
 
 
 def _events(contents: Contents, prefix: str) -> list[tuple[int, str, str]]:
     topic = f"{prefix}/events"
-    if contents.types.get(topic) != EVENT:
+    if not contents.has(topic, EVENT):
         return []
-    return [(log_time, message.level, message.text) for log_time, message in contents.messages.get(topic, [])]
+    times, events = contents.topic(topic, EVENT, "level", "text")
+    return list(zip(times, events["level"], events["text"], strict=True))

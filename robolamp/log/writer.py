@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import io
+import os
 import queue
 import threading
 import time
@@ -11,10 +13,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
-from mcap.records import Schema
-from mcap_ros2.writer import Writer
+from mcap.data_stream import RecordBuilder
+from mcap.records import Channel, DataEnd, Footer, Message, Schema
+from mcap.well_known import MessageEncoding, SchemaEncoding
+from mcap.writer import MCAP0_MAGIC, Writer
 
 from robolamp.errors import FileError
+from robolamp.log.cdr import Encoder
 from robolamp.log.schemas import DEFINITIONS, EVENT, JOINT_STATE, LAMP_PREFIX, METADATA, TICK, joint_state, tick_message
 from robolamp.signals import Tick
 
@@ -43,12 +48,17 @@ def _monotonic_offset() -> int:
 
 
 _END: tuple[_Message, ...] = (_Message("", "", {}, 0),)
+_EVENTS = f"{LAMP_PREFIX}/events"
+_LAST_ID = 0xFFFF  # of schema and channel of the event that closes a log on a full disk: out of the way of the others
 
 
 class LogWriter:
     """An open log. Never raises once it is open: what goes wrong on the disk is in `error`, and the run goes on.
 
-    Entries wait in a bounded queue; the thread that empties it encodes, compresses and writes them.
+    Entries wait in a bounded queue; the thread that empties it encodes, compresses and writes them, so that the caller
+    never waits for the disk. Where the disk stalls for so long that the queue is full, entries are dropped, and once
+    it goes on an event says how many. Where writing fails (a full disk), the log is closed behind the last flush, with
+    an event that says why, as a whole MCAP file.
 
     Args:
         path: The file; missing folders are made, an existing file is replaced.
@@ -91,14 +101,19 @@ class LogWriter:
         self._closed = False
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._stream = self.path.open("wb")
+            self._file = self.path.open("wb", buffering=0)
+            self._stream = io.BufferedWriter(self._file)
         except OSError as error:
             raise FileError(f"cannot be written: {error.strerror or error}", str(self.path)) from None
         try:
             self._writer = Writer(self._stream)
+            self._writer.start("ros2", "robolamp")
             self._writer.add_metadata(METADATA, {**context, "epoch_offset_ns": str(self._offset)})
-            self._schemas: dict[str, Schema] = {}
-            self._stream.flush()
+            self._encoders: dict[str, tuple[int, Encoder]] = {}  # with the schema's id
+            self._channels: dict[str, int] = {}
+            self._told = 0  # of the dropped entries
+            self._writer.flush()
+            self._flushed = [self._stream.tell()]  # where the last flushes ended
         except OSError as error:
             with contextlib.suppress(OSError):
                 self._stream.close()
@@ -150,7 +165,7 @@ class LogWriter:
             at: When, on the run's clock [s]; None: now.
         """
         moment = time.time_ns() if at is None else self.log_time(at)
-        self._put(_Message(f"{LAMP_PREFIX}/events", EVENT, {"level": level, "text": text}, moment))
+        self._put(_Message(_EVENTS, EVENT, {"level": level, "text": text}, moment))
 
     def message(self, topic: str, schema: str, content: Mapping[str, Any], at: float) -> None:
         """Log a message of any known type.
@@ -185,10 +200,15 @@ class LogWriter:
             while (entry := self._next(flushed + FLUSH_PERIOD)) is not _END:
                 for message in entry:
                     self._encode(message)
+                if self.dropped > self._told and self._queue.qsize() <= self._queue.maxsize // 2:
+                    self._tell_dropped()
                 if time.monotonic() - flushed >= FLUSH_PERIOD:
                     flushed = time.monotonic()
-                    self._writer._writer.flush()  # the ROS 2 writer has no flush of its own
-            self._finish()
+                    self._writer.flush()
+                    self._flushed = [self._flushed[-1], self._stream.tell()]
+            self._tell_dropped()
+            self._writer.finish()
+            self._stream.close()
         except OSError as error:
             self._give_up(error.strerror or str(error))
         except Exception as error:  # a run must not end because its log cannot be encoded
@@ -201,22 +221,46 @@ class LogWriter:
             return ()
 
     def _encode(self, message: _Message) -> None:
-        schema = self._schemas.get(message.schema)
-        if schema is None:
-            schema = self._writer.register_msgdef(message.schema, DEFINITIONS[message.schema])
-            self._schemas[message.schema] = schema
-        self._writer.write_message(message.topic, schema, message.content, message.log_time)
+        if message.schema not in self._encoders:
+            definition = DEFINITIONS[message.schema]
+            number = self._writer.register_schema(message.schema, SchemaEncoding.ROS2, definition.encode())
+            self._encoders[message.schema] = number, Encoder(definition)
+        schema, encoder = self._encoders[message.schema]
+        data = encoder.encode(message.content)
+        if message.topic not in self._channels:
+            self._channels[message.topic] = self._writer.register_channel(message.topic, MessageEncoding.CDR, schema)
+        self._writer.add_message(self._channels[message.topic], message.log_time, data, message.log_time)
 
-    def _finish(self) -> None:
-        if self.dropped:
-            text = f"{self.dropped} log entries dropped: the disk did not keep up"
-            self._encode(_Message(f"{LAMP_PREFIX}/events", EVENT, {"level": "warning", "text": text}, time.time_ns()))
-        self._writer.finish()
-        self._stream.close()
+    def _tell_dropped(self) -> None:
+        lost, self._told = self.dropped - self._told, self.dropped
+        if lost:
+            text = f"{lost} log entries dropped: the disk did not keep up"
+            self._encode(_Message(_EVENTS, EVENT, {"level": "warning", "text": text}, time.time_ns()))
 
     def _give_up(self, reason: str) -> None:
         self.error = reason
         with contextlib.suppress(OSError):
-            self._stream.close()
+            self._seal(reason)
+        with contextlib.suppress(OSError):
+            self._file.close()  # past the buffer, whose bytes are part of what could not be written
         while self._next(time.monotonic() + FLUSH_PERIOD) is not _END:  # let nobody wait on a full queue
             pass
+
+    def _seal(self, reason: str) -> None:
+        """Close the file behind the last flush; what half a chunk took up makes room for it, else the last chunk."""
+        event = {"level": "error", "text": f"logging stopped: {reason}"}
+        ending = RecordBuilder()
+        Schema(_LAST_ID, DEFINITIONS[EVENT].encode(), SchemaEncoding.ROS2, EVENT).write(ending)
+        Channel(_LAST_ID, _EVENTS, MessageEncoding.CDR, {}, _LAST_ID).write(ending)
+        now = time.time_ns()
+        Message(_LAST_ID, now, Encoder(DEFINITIONS[EVENT]).encode(event), now, 0).write(ending)
+        DataEnd(0).write(ending)
+        Footer(0, 0, 0).write(ending)  # no summary
+        data = ending.end() + MCAP0_MAGIC
+        file = self._file.fileno()
+        for place in reversed(self._flushed):
+            os.ftruncate(file, place)
+            with contextlib.suppress(OSError):
+                if os.pwrite(file, data, place) == len(data):
+                    return
+        os.ftruncate(file, self._flushed[-1])

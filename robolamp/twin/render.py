@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -308,13 +309,82 @@ def strip(
         opengl: False: draw side views even where OpenGL is to be had.
         point: A point of the floor to mark, x and y [m].
     """
-    pictures = _pictures(twin, qpos, width, height, opengl, point)
+    return strips(twin, {"": qpos}, labels, width=width, height=height, opengl=opengl, point=point)
+
+
+def strips(
+    twin: TwinModel | FigureTwin,
+    motions: Mapping[str, NDArray[np.float64]],
+    labels: Sequence[str],
+    *,
+    width: int = 220,
+    height: int = 260,
+    opengl: bool = True,
+    point: tuple[float, float] | None = None,
+) -> Picture:
+    """Return several motions as strips one above the other, for comparison: a column a moment.
+
+    Args:
+        twin: The lamp.
+        motions: Poses of each motion, shape (k, nq), by the name that is written into its first picture.
+        labels: A text under each column, k of them.
+        width: Of each picture [px].
+        height: Of each picture [px].
+        opengl: False: draw side views even where OpenGL is to be had.
+        point: A point of the floor to mark, x and y [m].
+    """
     gap, foot = 4, 24
-    sheet = Image.new("RGB", (len(pictures) * (width + gap) - gap, height + foot), (255, 255, 255))
+    size = (len(labels) * (width + gap) - gap, len(motions) * (height + gap) - gap + foot)
+    sheet = Image.new("RGB", size, (255, 255, 255))
     draw = ImageDraw.Draw(sheet)
     font = ImageFont.load_default(14)
-    for index, (picture, label) in enumerate(zip(pictures, labels, strict=True)):
-        left = index * (width + gap)
-        sheet.paste(Image.fromarray(picture), (left, 0))
-        draw.text((left + width / 2, height + foot / 2), label, fill=_INK, font=font, anchor="mm")
+    pictures = iter(_pictures(twin, np.concatenate(list(motions.values())), width, height, opengl, point))
+    for row, (name, poses) in enumerate(motions.items()):
+        top = row * (height + gap)
+        for column in range(len(poses)):
+            sheet.paste(Image.fromarray(next(pictures)), (column * (width + gap), top))
+        draw.text((10, top + 8), name, fill=_INK, font=font)
+    for column, label in enumerate(labels):
+        draw.text((column * (width + gap) + width / 2, size[1] - foot / 2), label, fill=_INK, font=font, anchor="mm")
     return np.asarray(sheet)
+
+
+def beside(
+    twin: TwinModel | FigureTwin,
+    motions: Mapping[str, NDArray[np.float64]],
+    *,
+    width: int = 360,
+    height: int = 360,
+    opengl: bool = True,
+) -> list[Picture]:
+    """Return the frames of an animation with several motions side by side, each with its name.
+
+    Args:
+        twin: The lamp.
+        motions: Poses of each motion, shape (k, nq), by name.
+        width: Of one motion's picture [px].
+        height: Of the picture [px].
+        opengl: False: draw side views even where OpenGL is to be had.
+    """
+    poses = np.stack(list(motions.values()), axis=1)
+    pictures = _pictures(twin, poses.reshape(-1, poses.shape[2]), width, height, opengl, None)
+    font = ImageFont.load_default(14)
+    frames = []
+    for first in range(0, len(pictures), len(motions)):
+        frame = Image.fromarray(np.concatenate(pictures[first : first + len(motions)], axis=1))
+        draw = ImageDraw.Draw(frame)
+        for column, name in enumerate(motions):
+            draw.text((column * width + 10, 8), name, fill=_INK, font=font)
+        frames.append(np.asarray(frame))
+    return frames
+
+
+def png(picture: Picture) -> bytes:
+    """Return a picture as the bytes of a PNG file.
+
+    Args:
+        picture: RGB.
+    """
+    stream = io.BytesIO()
+    Image.fromarray(picture).save(stream, "PNG", optimize=True)
+    return stream.getvalue()

@@ -53,6 +53,7 @@ VERBS = (
     "score",
     "study",
     "compare",
+    "replay",
     "render",
 )
 
@@ -193,7 +194,7 @@ def bad_inputs() -> list:
             ("hop --lamp=", {}, "--lamp: is empty; expected a value"),
             ("hop --lamp " + "x" * 300, {}, "File name too long"),
             ("hop --lamp .", {"hardware/lamp.toml/x": ""}, "hardware/lamp.toml: is a folder; expected a file"),
-            ("compare .", {}, ".: is a folder; expected a log (.mcap)"),
+            ("compare .", {}, ".: holds no log (.mcap) that can be compared"),
             (
                 "evolve spread -o run",
                 {},

@@ -5,8 +5,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import av
+import numpy as np
 import pytest
 from PIL import Image
+
+from robolamp.cli.main import main
+from robolamp.log.reader import read_run, read_truth
 
 from .test_main import call
 
@@ -63,3 +68,66 @@ def test_a_picture_shows_what_is_scored(capsys: pytest.CaptureFixture[str], tmp_
     drawn = json.loads(call(capsys, "render", "hop", "-o", strip, "--goal", "20cm", "--no-opengl", *words)[1])
     scored = json.loads(call(capsys, "score", "hop", "--goals", "20cm", *words)[1])
     assert drawn["travel_m"] == pytest.approx(0.2 + scored["errors_m"][0], abs=0.002)
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log of the emulated lamp, whose truth lies beside it; its report is not asked for."""
+    folder = tmp_path_factory.mktemp("render") / "run"
+    with pytest.raises(SystemExit):
+        main(["dry-run", "hop", "--goal", "0.1", "--duration", "1", "--lockstep", "-o", str(folder), "--json"])
+    return folder / "log.mcap"
+
+
+def test_a_log_is_drawn_as_the_lamp_went_with_the_twin_beside_it(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, log: Path
+) -> None:
+    truth = read_truth(log.with_name("truth.mcap"))
+    strip = tmp_path / "strip.png"
+    said = json.loads(call(capsys, "render", log, "-o", strip, "--twin", "--no-opengl", "--json")[1])
+    run = read_run(log)
+    driven = run.scheduled[run.phase == "run"]
+    x = np.interp(driven, run.at(truth.log_time), truth.base_x)
+    assert said["travel_m"] == pytest.approx(np.ptp(x[x >= x[0]]), abs=0.01)
+    with Image.open(strip) as image:
+        assert image.size == (8 * 224 - 4, 2 * 264 - 4 + 24)
+        sheet = np.asarray(image.convert("RGB")).astype(int)
+    lamp, twin = sheet[30:260], sheet[294:524]
+    assert 0.0005 < (np.abs(lamp - twin).sum(axis=2) > 60).mean() < 0.2  # alike, and not the same
+    log.with_name("truth.mcap").rename(tmp_path / "truth.mcap")
+    try:
+        without = json.loads(call(capsys, "render", log, "-o", strip, "--no-opengl", "--json")[1])
+        given = call(capsys, "render", log, "-o", strip, "--no-opengl", "--json", "--truth", tmp_path / "truth.mcap")
+    finally:
+        (tmp_path / "truth.mcap").rename(log.with_name("truth.mcap"))
+    assert json.loads(given[1])["travel_m"] == said["travel_m"] != without["travel_m"]
+
+
+@pytest.mark.parametrize(("ending", "codec"), [("mp4", "h264"), ("gif", "gif")])
+def test_an_animation_lasts_as_long_as_the_motion(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, log: Path, ending: str, codec: str
+) -> None:
+    film = tmp_path / f"film.{ending}"
+    said = json.loads(call(capsys, "render", log, "-o", film, "--twin", "--no-opengl", "--json")[1])
+    with av.open(film) as file:
+        [track] = file.streams.video
+        frames = [frame.to_ndarray(format="rgb24").astype(int) for frame in file.decode(track)]
+        assert (track.codec_context.name, track.width, track.height) == (codec, 720, 360)
+    assert len(frames) * 0.04 == pytest.approx(said["duration_s"], abs=0.05)
+    assert (np.abs(frames[0] - frames[len(frames) // 2]).sum(axis=2) > 60).mean() > 0.01
+
+
+def test_what_cannot_be_drawn_is_said_in_one_line(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, log: Path
+) -> None:
+    for words, told in (
+        (("hop", "-o", tmp_path / "a.jpg"), "'a.jpg' does not end in .png, .gif or .mp4"),
+        (("hop", "-o", tmp_path / "a.png", "--twin"), "--twin: is for a log"),
+        (("hop", "-o", tmp_path / "a.png", "--truth", log), "--truth: is for a log"),
+        ((log, "-o", tmp_path / "a.png", "--pole", "20cm"), "no log has a pole"),
+        ((log, "-o", tmp_path / "a.png", "--truth", log), "no /truth/base messages"),
+    ):
+        code, out, err = call(capsys, "render", *words)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert told in err
+    assert not list(tmp_path.iterdir())

@@ -82,6 +82,13 @@ def write_run(
             x, z, pitch = lamp.body.base
             joints = joint_state(LAMP.names, lamp.body.angle.tolist(), log_time=truth.log_time(lamp.time))
             truth.message(TRUTH_JOINTS_TOPIC, JOINT_STATE, joints, lamp.time)
-            base = {"base_x": x, "base_z": z, "pitch": pitch, "force": lamp.body.force}
+            base = {
+                "base_x": x,
+                "base_z": z,
+                "pitch": pitch,
+                "force": lamp.body.force,
+                "clearance": 0.0,
+                "fallen": False,
+            }
             truth.message(TRUTH_BASE_TOPIC, TRUTH, base, lamp.time)
     return paths

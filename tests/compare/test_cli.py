@@ -21,7 +21,7 @@ def call(capsys, *words) -> tuple[int, str, str]:
 
 def test_inside_is_0_and_the_report_lands_beside_the_log(tmp_path, capsys):
     log, truth = write_run(tmp_path)
-    code, out, err = call(capsys, log, "--truth", truth)
+    code, out, err = call(capsys, log, "--truth", truth, "--no-diagnosis")
     assert (code, err) == (0, "")
     assert out.startswith("inside tolerances.")
     assert out.endswith(f"report: {tmp_path / 'run.html'}\n")
@@ -40,7 +40,8 @@ def test_outside_is_1_and_json_holds_the_numbers(tmp_path, capsys):
         for key in ("mae_mrad", "rmse_mrad"):
             assert joint[key]["after"] < joint[key]["before"]
     assert result["hops"] == 3
-    assert set(result["diagnosis"][0]) == {"cause", "evidence", "remedy"}
+    assert set(result["diagnosis"][0]) == {"cause", "evidence", "remedy", "knob", "size", "unit", "share"}
+    assert result["diagnosis"][0]["knob"] == "delay"
     assert result["report"] == str(tmp_path / "out" / "r.html")
     assert (tmp_path / "out" / "r.twin.mcap").is_file()
 

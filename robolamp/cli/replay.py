@@ -1,0 +1,104 @@
+"""`robolamp replay`: a run in the browser, with time under one's finger."""
+
+from __future__ import annotations
+
+import http.server
+import sys
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from robolamp.cli.options import Setup
+from robolamp.cli.output import print_json
+from robolamp.errors import FileError, RobolampError
+from robolamp.files import write_atomic
+
+_HOST = "127.0.0.1"  # this computer alone
+
+
+def replay(
+    log: Path,
+    /,
+    *,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    truth: Path | None = None,
+    calibration: str = "nominal",
+    lamp: Path | None = None,
+    port: int = 0,
+    browse: bool = True,
+    as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> int:
+    """Play a run in the browser: the lamp in 3D with its twin over it, and the traces of both beside it.
+
+    Args:
+        log: The log of the run (.mcap).
+        output: Write the page to this file (.html) and end; it needs no server and can be sent to somebody.
+        truth: The truth log of an emulated lamp, which knows where the base was; by default truth.mcap beside the
+            log, where there is one. Without it the base is where the twin's was.
+        calibration: The twin's numbers: a file, or a name in calibration/.
+        lamp: Your own lamp's folder (laid out like robolamp's: hardware/, sim/, calibration/).
+        port: Port of the page on this computer; 0: any that is free.
+        browse: Open the browser; without it, only say where the page is.
+        as_json: Print one JSON object.
+    """
+    if not 0 <= port <= 65535:
+        raise RobolampError(f"{port} is no port; expected 0 to 65535", "--port")
+    html = _page(log, truth, Setup.of(lamp, calibration)).encode()
+    if output is not None:
+        write_atomic(output, html)
+        if as_json:
+            print_json({"page": output, "bytes": len(html)})
+        else:
+            print(output)
+        return 0
+    try:
+        server = http.server.ThreadingHTTPServer((_HOST, port), _handler(html))
+    except OSError as error:
+        raise RobolampError(f"port {port} cannot be used: {error.strerror or error}", "--port") from None
+    with server:
+        url = f"http://{_HOST}:{server.server_address[1]}/"
+        if as_json:
+            print_json({"url": url})
+        else:
+            print(f"{url}   (Ctrl-C ends it)", flush=True)
+        if browse and not webbrowser.open(url):
+            print("robolamp: no browser here; open the address in one", file=sys.stderr)
+        server.serve_forever()
+    return 0
+
+
+def _page(path: Path, truth_path: Path | None, setup: Setup) -> str:
+    from robolamp.compare.motion import truth_of
+    from robolamp.compare.playback import playback_of
+    from robolamp.compare.replay import replay as drive_twin
+    from robolamp.log.reader import prefix_in, run_of
+    from robolamp.log.stream import read_contents
+    from robolamp.player.page import page
+
+    if not path.name:
+        raise FileError("is a folder; expected a log (.mcap)", str(path))
+    contents = read_contents(path)
+    run = run_of(contents, prefix_in(contents))
+    truth = truth_of(run, truth_path)
+    return page(playback_of(run, drive_twin(run, setup.lamp, setup.calibration, setup.assets), truth))
+
+
+def _handler(html: bytes) -> type[http.server.BaseHTTPRequestHandler]:
+    class Handler(http.server.BaseHTTPRequestHandler):
+        """Serves the one page."""
+
+        def do_GET(self) -> None:
+            found = self.path == "/"
+            body = html if found else b"There is one page only: /\n"
+            self.send_response(200 if found else 404)
+            self.send_header("Content-Type", "text/html; charset=utf-8" if found else "text/plain; charset=utf-8")
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, format: str, *args: object) -> None:
+            """Say nothing: the terminal is the person's."""
+
+    return Handler

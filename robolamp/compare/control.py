@@ -1,0 +1,97 @@
+"""Bit-exact replay of the controller: the logged observations through the logged controller give the logged goals."""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from robolamp.controller.file import load_controller
+from robolamp.controller.pilot import Pilot
+from robolamp.errors import RobolampError
+from robolamp.lamp import Lamp
+from robolamp.log.reader import Run
+from robolamp.signals import Health, Observation
+
+
+@dataclass(frozen=True)
+class ControlReplay:
+    """What came of running the controller again.
+
+    Attributes:
+        ticks: Ticks of phase "run" that were run again.
+        exact: Whether inputs, outputs and goals were the same to the bit in all of them; None: it could not be run.
+        first: Index of the first tick that differs; -1 where none does.
+        what: What differs there, or why it could not be run.
+    """
+
+    ticks: int
+    exact: bool | None
+    first: int = -1
+    what: str = ""
+
+    @property
+    def text(self) -> str:
+        """Return it in words."""
+        if self.exact is None:
+            return f"not run again: {self.what}"
+        if self.exact:
+            return f"run again on the logged observations: the same to the bit in all {self.ticks} ticks"
+        return f"run again on the logged observations: differs from tick {self.first} on ({self.what})"
+
+
+def replay_controller(run: Run, lamp: Lamp) -> ControlReplay:
+    """Run the log's controller on the log's observations.
+
+    Args:
+        run: The log.
+        lamp: The lamp's description: limits and slew of the envelope, thresholds of contact.
+    """
+    text = run.context.get("controller", "")
+    rows = np.flatnonzero(run.phase == "run")
+    if not text or not rows.size or not np.isfinite(run.goal_m):
+        return ControlReplay(0, None, what="the log holds no controller, no goal, or no run")
+    # A gentle stage slews at a share of the lamp's own rate; the log says at which.
+    share = float(run.context.get("slew_share", 1.0))
+    lamp = dataclasses.replace(
+        lamp, joints=tuple(dataclasses.replace(joint, slew=joint.slew * share) for joint in lamp.joints)
+    )
+    goal_time = float(run.context["goal_time_s"]) if "goal_time_s" in run.context else None
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "controller.toml"
+            path.write_text(text, encoding="utf-8")
+            pilot = Pilot(load_controller(path, lamp), lamp, run.goal_m, goal_time)
+    except RobolampError as error:
+        return ControlReplay(0, None, what=error.message)
+    begun = float(run.scheduled[rows[0]])
+    ticks = 0
+    for row in rows:
+        if not np.isfinite(run.angle[row]).all():
+            continue  # the loop held its goal, and asked no controller
+        step = pilot.step(_observation(run, int(row)), float(run.scheduled[row]) - begun)
+        ticks += 1
+        for what, ours, logged in (
+            ("inputs", step.inputs, run.inputs[row]),
+            ("outputs", step.outputs, run.outputs[row]),
+            ("goals", step.goal, run.goal[row]),
+        ):
+            if ours.shape != logged.shape or not np.array_equal(ours, logged, equal_nan=True):
+                return ControlReplay(ticks, False, int(run.index[row]), what)
+    return ControlReplay(ticks, True)
+
+
+def _observation(run: Run, row: int) -> Observation:
+    return Observation(
+        time=float(run.measured_at[row]),
+        angle=run.angle[row],
+        velocity=run.velocity[row],
+        current=run.current[row],
+        angle_age=run.angle_age[row],
+        foot_force=float(run.foot_force[row]),
+        foot_age=float(run.foot_age[row]),
+        health=Health.unknown(len(run.joints)),
+    )

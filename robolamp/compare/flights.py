@@ -1,0 +1,118 @@
+"""Hops as the foot sensor tells them: take-off, landing, flight time, and how far two lamps differ in them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robolamp.compare.side import Side
+from robolamp.lamp import Lamp
+
+Array = NDArray[np.float64]
+
+AIR = 0.04
+"""Shortest time without contact that counts as a flight [s]: that of the terminal `hops`."""
+MATCH = 0.15
+"""Flights whose middles are further apart than this are not the same hop [s]."""
+GRAVITY = 9.81
+"""[m/s^2]."""
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A time off the floor.
+
+    Attributes:
+        off: When contact was lost [s], between two readings where the force crosses the threshold.
+        on: When it came back [s].
+    """
+
+    off: float
+    on: float
+
+    @property
+    def time(self) -> float:
+        """How long it was [s]."""
+        return self.on - self.off
+
+    @property
+    def apex(self) -> float:
+        """Rise of the centre of mass that a flight of this length implies, g t^2 / 8 [m]: leaving and landing alike."""
+        return GRAVITY * self.time**2 / 8
+
+
+@dataclass(frozen=True)
+class Hop:
+    """One hop of the two sides.
+
+    Attributes:
+        lamp: The lamp's flight; None: only the reference hopped.
+        twin: The reference's flight; None: only the lamp hopped.
+    """
+
+    lamp: Flight | None
+    twin: Flight | None
+
+    @property
+    def off_late(self) -> float:
+        """How much later the lamp takes off [s]; NaN where one of them does not."""
+        return self.lamp.off - self.twin.off if self.lamp and self.twin else math.nan
+
+    @property
+    def on_late(self) -> float:
+        """How much later the lamp lands [s]; NaN where one of them does not."""
+        return self.lamp.on - self.twin.on if self.lamp and self.twin else math.nan
+
+
+def flights(side: Side, lamp: Lamp) -> list[Flight]:
+    """Return the flights of one side, from the start of the run on.
+
+    Contact has the hysteresis of lamp.toml; the moment is read from the line between the two readings around it.
+
+    Args:
+        side: Whose.
+        lamp: Gives the thresholds.
+    """
+    there = np.isfinite(side.force) & np.isfinite(side.tick)
+    time, force = side.tick[there], side.force[there]
+    found: list[Flight] = []
+    contact, off = True, math.nan
+    for index in range(1, time.size):
+        threshold = lamp.contact_off if contact else lamp.contact_on
+        if contact and force[index] < threshold:
+            contact, off = False, _crossing(time, force, index, threshold)
+        elif not contact and force[index] > threshold:
+            contact, on = True, _crossing(time, force, index, threshold)
+            if on - off >= AIR and off >= 0.0:
+                found.append(Flight(off, on))
+    return found
+
+
+def _crossing(time: Array, force: Array, index: int, threshold: float) -> float:
+    before, after = force[index - 1], force[index]
+    share = (threshold - before) / (after - before) if after != before else 1.0
+    return float(time[index - 1] + min(max(share, 0.0), 1.0) * (time[index] - time[index - 1]))
+
+
+def hops(lamp: list[Flight], twin: list[Flight]) -> list[Hop]:
+    """Return the hops of both, in order of time: flights that overlap or nearly do are one hop.
+
+    Args:
+        lamp: The lamp's flights.
+        twin: The reference's.
+    """
+    left = list(twin)
+    found = []
+    for flight in lamp:
+        middle = (flight.off + flight.on) / 2
+        near = min(left, key=lambda other: abs((other.off + other.on) / 2 - middle), default=None)
+        if near is not None and abs((near.off + near.on) / 2 - middle) <= MATCH:
+            left.remove(near)
+            found.append(Hop(flight, near))
+        else:
+            found.append(Hop(flight, None))
+    found += [Hop(None, flight) for flight in left]
+    return sorted(found, key=lambda hop: hop.lamp.off if hop.lamp else hop.twin.off if hop.twin else 0.0)

@@ -1,0 +1,248 @@
+"""What may differ between a lamp and its twin, one knob each: how to bend the twin by it, and how to say it.
+
+Sizes are differences from the calibration, in the unit that `Knob.unit` names; 0 is the calibrated twin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robolamp.lamp import Lamp
+from robolamp.twin.model import Bend
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Change:
+    """How a bent twin differs from the calibrated one.
+
+    Attributes:
+        bend: Of its model.
+        late: How much later than it was sent a goal arrives [s].
+        resistance: Of the supply [Ohm].
+        drain: By how much the supply falls [V/s].
+        zero: True angle less the reported one, shape (n,) [rad]; empty: none.
+        slope: Of the desk, downhill ahead positive [rad].
+        foot_gain: Foot sensor reading, times this.
+        foot_offset: Added to each reading [N].
+        foot_drift: By how much that grows from the log's begin on [N/s].
+    """
+
+    bend: Bend = field(default_factory=Bend)
+    late: float = 0.0
+    resistance: float = 0.0
+    drain: float = 0.0
+    zero: tuple[float, ...] = ()
+    slope: float = 0.0
+    foot_gain: float = 1.0
+    foot_offset: float = 0.0
+    foot_drift: float = 0.0
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of difference.
+
+    Attributes:
+        unit: Of its size: "1" for a share.
+        trials: Sizes that are tried first.
+        low: Smallest size that is believed.
+        high: Largest.
+        worth: Size below which it is not worth a word: about a tenth of what `sim/tasks/spread.toml` calls usual.
+        change: Makes the change of a size: (size, joint index, number of joints) -> Change.
+        more: Cause, the size positive; `{joint}` and `{size}` are filled in.
+        less: Cause, the size negative.
+        remedy: What settles it.
+        dynamic: Whether the lamp moves differently for it; else only what its sensors say differs.
+        each: Whether every joint has one of its own.
+    """
+
+    unit: str
+    trials: tuple[float, ...]
+    low: float
+    high: float
+    worth: float
+    change: Callable[[float, int, int], Change]
+    more: str
+    less: str
+    remedy: str
+    dynamic: bool = True
+    each: bool = False
+
+
+@dataclass(frozen=True)
+class Knob:
+    """One thing that may differ: a kind, at a joint where it has one.
+
+    Attributes:
+        kind: Name of the kind, a key of KINDS.
+        joint: Its joint; empty for the lamp as a whole.
+        index: The joint's place; 0 for the lamp as a whole.
+        of: Number of joints.
+    """
+
+    kind: str
+    joint: str
+    index: int
+    of: int
+
+    @property
+    def name(self) -> str:
+        """Return "strength knee" or "delay"."""
+        return f"{self.kind} {self.joint}".strip()
+
+    @property
+    def about(self) -> Kind:
+        """The kind."""
+        return KINDS[self.kind]
+
+    def change(self, size: float) -> Change:
+        """Return the change of a size."""
+        return self.about.change(size, self.index, self.of)
+
+    def within(self, size: float) -> float:
+        """Return the nearest size that is believed."""
+        return min(max(size, self.about.low), self.about.high)
+
+    def cause(self, size: float, than: str = "modelled") -> str:
+        """Return what a difference of this size from what it is held against is called."""
+        text = self.about.more if size > 0 else self.about.less
+        return text.format(joint=self.joint, size=self.amount(abs(size)), than=than)
+
+    def remedy(self) -> str:
+        """Return what settles it."""
+        return self.about.remedy.format(joint=self.joint)
+
+    def amount(self, size: float) -> str:
+        """Return a size with its unit, as a person reads it."""
+        scale, unit, form = _SHOWN[self.about.unit]
+        return f"{size * scale:{form}} {unit}"
+
+
+_SHOWN = {
+    "1": (100.0, "%", ".0f"),
+    "s": (1e3, "ms", ".1f"),
+    "rad": (1e3, "mrad", ".1f"),
+    "Ohm": (1.0, "Ohm", ".2f"),
+    "V": (1.0, "V", ".2f"),
+    "V/s": (60.0, "V a minute", ".2f"),
+    "N": (1.0, "N", ".2f"),
+    "N/s": (60.0, "N a minute", ".2f"),
+}
+
+
+def _one(size: float, joint: int, of: int) -> Array:
+    values = np.ones(of)
+    values[joint] += size
+    return values
+
+
+def _zero(size: float, joint: int, of: int) -> Change:
+    return Change(zero=tuple(size if index == joint else 0.0 for index in range(of)))
+
+
+_RECORD = "`robolamp calibrate record --joint {joint}` and `robolamp calibrate fit`"
+
+KINDS: Mapping[str, Kind] = MappingProxyType(
+    {
+        "strength": Kind(
+            "1", (-0.1, 0.1), -0.6, 0.6, 0.01,
+            lambda size, joint, of: Change(Bend(strength=_one(size, joint, of))),
+            "the {joint}'s motor is {size} stronger than {than}", "the {joint}'s motor is {size} weaker than {than}",
+            f"{_RECORD} settle joint.{{joint}}.torque_constant; look for a warm or worn servo", each=True,
+        ),
+        "friction": Kind(
+            "1", (-0.3, 0.5), -0.9, 4.0, 0.03,
+            lambda size, joint, of: Change(Bend(friction=_one(size, joint, of))),
+            "the {joint} has {size} more friction than {than}", "the {joint} has {size} less friction than {than}",
+            f"{_RECORD} settle the friction of joint.{{joint}}; look for a rubbing cable or a tight screw", each=True,
+        ),
+        "zero": Kind(
+            "rad", (-0.02, 0.02), -0.2, 0.2, 0.003,
+            _zero,
+            "the {joint} stands {size} further forward than it reports",
+            "the {joint} stands {size} further back than it reports",
+            "`robolamp setup zero` sets joint.{joint}.zero in hardware/lamp.toml; check that its horn sits firmly",
+            each=True,
+        ),
+        "delay": Kind(
+            "s", (-0.004, 0.004, 0.015), -0.02, 0.05, 0.0005,
+            lambda size, joint, of: Change(late=size),
+            "goals take effect {size} later than {than}", "goals take effect {size} earlier than {than}",
+            "`robolamp calibrate record` and `robolamp calibrate fit` settle the servos' delay; on a slow line, set "
+            "the adapter's latency timer to 1 ms",
+        ),
+        "supply": Kind(
+            "V", (-0.3, 0.3), -3.0, 3.0, 0.05,
+            lambda size, joint, of: Change(Bend(supply=size)),
+            "the supply gives {size} more than {than}", "the supply gives {size} less than {than}",
+            "measure the supply at the servos; change lamp.supply_voltage in the calibration",
+        ),
+        "resistance": Kind(
+            "Ohm", (0.1, 0.3), 0.0, 2.0, 0.01,
+            lambda size, joint, of: Change(resistance=size),
+            "the supply sags under load, as over {size}", "",
+            "use thicker or shorter cables and a supply that holds 5 V at 4 A",
+        ),
+        "drain": Kind(
+            "V/s", (0.02, 0.06), 0.0, 0.5, 0.001,
+            lambda size, joint, of: Change(drain=size),
+            "the supply falls by {size} as time goes", "",
+            "charge the battery, or use a mains supply",
+        ),
+        "foot gain": Kind(
+            "1", (-0.1, 0.1), -0.8, 4.0, 0.01,
+            lambda size, joint, of: Change(foot_gain=1.0 + size),
+            "the foot sensor reads {size} too much", "the foot sensor reads {size} too little",
+            "`robolamp setup foot` with a known weight", dynamic=False,
+        ),
+        "foot offset": Kind(
+            "N", (-0.2, 0.2), -5.0, 5.0, 0.01,
+            lambda size, joint, of: Change(foot_offset=size),
+            "the foot sensor reads {size} too much at any load", "the foot sensor reads {size} too little at any load",
+            "`robolamp setup foot` tares it", dynamic=False,
+        ),
+        "foot drift": Kind(
+            "N/s", (-0.05, 0.05), -1.0, 1.0, 0.002,
+            lambda size, joint, of: Change(foot_drift=size),
+            "the foot sensor's zero rises by {size}", "the foot sensor's zero falls by {size}",
+            "let it warm up, keep draughts off, then `robolamp setup foot`", dynamic=False,
+        ),
+        "floor": Kind(
+            "1", (-0.35, -0.15, 0.15, 0.35), -0.95, 3.0, 0.02,
+            lambda size, joint, of: Change(Bend(floor=1.0 + size)),
+            "the floor holds {size} better than {than}", "the floor is {size} slipperier than {than}",
+            "clean foot and desk; `robolamp calibrate record --floor` and `robolamp calibrate fit` settle "
+            "lamp.floor_friction",
+        ),
+        "mass": Kind(
+            "1", (-0.05, 0.05), -0.5, 2.0, 0.005,
+            lambda size, joint, of: Change(Bend(mass=1.0 + size)),
+            "the lamp is {size} heavier than {than}", "the lamp is {size} lighter than {than}",
+            "weigh it; change lamp.mass_scale in the calibration",
+        ),
+        "slope": Kind(
+            "rad", (-0.01, 0.01), -0.3, 0.3, 0.001,
+            lambda size, joint, of: Change(slope=size),
+            "the desk slopes down ahead by {size}", "the desk slopes up ahead by {size}",
+            "put a spirit level on the desk",
+        ),
+    }
+)  # fmt: skip
+"""Every kind of difference that a twin can be bent by."""
+
+
+def knobs(lamp: Lamp) -> list[Knob]:
+    """Return every knob of a lamp."""
+    names, n = lamp.names, len(lamp.names)
+    return [
+        Knob(kind, joint, index, n)
+        for kind, about in KINDS.items()
+        for index, joint in enumerate(names if about.each else ("",))
+    ]

@@ -1,0 +1,89 @@
+"""The motion that a log tells of, as positions of the twin's model: what pictures, videos and the player show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robolamp.compare.replay import Replay
+from robolamp.errors import FileError
+from robolamp.log.reader import Run, Truth, read_truth
+from robolamp.twin.model import TwinModel
+from robolamp.twin.render import qpos_of
+
+Array = NDArray[np.float64]
+
+
+def lamp_motion(run: Run, replay: Replay, time: Array, truth: Truth | None = None) -> Array:
+    """Return what the lamp did: its measured joint angles, on the base of the truth or, without it, of the replay.
+
+    Nothing on a lamp measures where its base is. Where only a log is at hand the twin's base stands in for it: joints
+    are then the lamp's, hops the twin's.
+
+    Args:
+        run: The lamp's log; a joint's missing readings are bridged, one that never answered stays neutral.
+        replay: What the twin made of it.
+        time: Moments, on the log's clock, shape (k,) [s].
+        truth: The truth log of an emulated lamp, where there is one.
+
+    Returns:
+        MuJoCo positions, shape (k, nq).
+    """
+    if truth is None:
+        base_time, base = replay.time, (replay.base_x, replay.base_z, replay.pitch)
+    else:
+        base_time, base = run.at(truth.log_time), (truth.base_x, truth.base_z, truth.pitch)
+    angle = np.stack(
+        [_between(time, run.sampled_at[:, joint], run.angle[:, joint]) for joint in range(len(run.joints))], axis=1
+    )
+    x, z, pitch = (np.interp(time, base_time, values) for values in base)
+    return _positions(replay.twin, x, z, pitch, angle)
+
+
+def truth_of(run: Run, path: Path | None) -> Truth | None:
+    """Return the truth that belongs to a log.
+
+    Args:
+        run: The lamp's log.
+        path: The truth log; None: truth.mcap beside a log.mcap, as dry-run writes them, where there is one.
+
+    Raises:
+        FileError: It cannot be read, or is of another run.
+    """
+    beside = run.path.with_name("truth.mcap")
+    if path is None and run.path.name == "log.mcap" and beside.exists():
+        path = beside
+    if path is None:
+        return None
+    truth = read_truth(path)
+    at = run.at(truth.log_time[[0, -1]])
+    if at[1] < run.began[0] or at[0] > run.write_done[-1]:
+        raise FileError(f"has nothing of the time of {run.path}: it is of another run", str(path))
+    return truth
+
+
+def twin_motion(replay: Replay, time: Array) -> Array:
+    """Return what the twin did.
+
+    Args:
+        replay: The twin's replay.
+        time: Moments, on the log's clock, shape (k,) [s].
+
+    Returns:
+        MuJoCo positions at the physics step nearest to each moment, shape (k, nq).
+    """
+    step = float(replay.time[1] - replay.time[0])
+    nearest = np.rint((time - replay.time[0]) / step).astype(np.int64)
+    return replay.qpos[np.clip(nearest, 0, len(replay.qpos) - 1)]
+
+
+def _between(time: Array, at: Array, values: Array) -> Array:
+    known = np.isfinite(values) & np.isfinite(at)
+    return np.interp(time, at[known], values[known]) if known.any() else np.zeros_like(time)
+
+
+def _positions(twin: TwinModel, x: Array, z: Array, pitch: Array, angle: Array) -> Array:
+    rows = [qpos_of(twin, base, row) for *base, row in zip(x, z, pitch, angle, strict=True)]
+    return np.array(rows).reshape(-1, twin.model.nq)

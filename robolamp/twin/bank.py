@@ -1,0 +1,219 @@
+"""A bank of twins, each bent in its own way, that are all sent the same goals: what a lamp so bent would have done."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+from mujoco.batch import MODEL_FIELDS, Batch
+from numpy.typing import NDArray
+
+from robolamp.twin.body import Body
+from robolamp.twin.model import TwinModel
+from robolamp.twin.servo import friction_loss, write_motors
+
+Array = NDArray[np.float64]
+
+SETTLE = 0.3
+"""How long each twin stands with the first goals before the record begins [s]."""
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+_HAND = 5.0  # friction by which a hand holds a joint [Nm]: ten times what a servo can push
+_LEAST_VOLTAGE = 0.5  # a supply that sags keeps this much [V]
+
+
+@dataclass(frozen=True)
+class Member:
+    """One twin of a bank.
+
+    Attributes:
+        twin: The lamp; members differ in numbers only.
+        late: How much later than it was sent a goal arrives [s].
+        resistance: Of the supply [Ohm]: its voltage falls with the current drawn.
+        drain: By how much the supply falls as time goes [V/s].
+        zero: True angle less the angle its servos report, shape (n,) [rad].
+        slope: Of the desk, downhill ahead positive [rad].
+    """
+
+    twin: TwinModel
+    late: float = 0.0
+    resistance: float = 0.0
+    drain: float = 0.0
+    zero: Array = field(default_factory=lambda: np.zeros(0))
+    slope: float = 0.0
+
+
+@dataclass(frozen=True)
+class Record:
+    """What the members did, M physics steps.
+
+    Attributes:
+        time: On the clock of the goals, shape (M,) [s].
+        angle: Joint angles as their servos would report them, not quantised, shape (M, members, n) [rad].
+        current: Currents drawn from the supply, shape (M, members, n) [A].
+        force: Readings of the foot sensor, shape (M, members) [N].
+        base_x: Base centre along the floor, from where it stood, shape (M, members) [m].
+    """
+
+    time: Array
+    angle: Array
+    current: Array
+    force: Array
+    base_x: Array
+
+
+@dataclass(frozen=True)
+class Score:
+    """What is played: goals and when they are sent.
+
+    Attributes:
+        begin: Where the record begins [s].
+        end: Where it ends [s].
+        powered: When the supply was last full, for a drain [s].
+        pose: Joint angles at the beginning, as reported, shape (n,) [rad].
+        hold: Goals before the first of `goal`, shape (n,) [rad].
+        sent: When each goal reaches the servos, rising, shape (k,) [s].
+        goal: Shape (k, n) [rad].
+    """
+
+    begin: float
+    end: float
+    powered: float
+    pose: Array
+    hold: Array
+    sent: Array
+    goal: Array
+
+
+def play_bank(members: Sequence[Member], score: Score, workers: int | None = None) -> Record:
+    """Play goals on every member; the same to the bit for any number of workers.
+
+    Args:
+        members: The twins.
+        score: What to play.
+        workers: Threads; None: one for each core.
+    """
+    count = min(workers or len(os.sched_getaffinity(0)), len(members))
+    shares = [np.arange(first, len(members), count) for first in range(count)]
+    models = [member.twin.model for member in members]
+    differing = _differing(models)
+    state = _start(members[0].twin, score)
+
+    def work(share: NDArray[np.int64]) -> Record:
+        own = {name: values[share] for name, values in differing.items()}
+        return _Share([members[index] for index in share], own, state, score).play()
+
+    if count == 1:
+        return work(shares[0])
+    with ThreadPoolExecutor(count) as pool:
+        parts = list(pool.map(work, shares))
+    order = np.argsort(np.concatenate(shares))
+    joined = {
+        name: np.concatenate([getattr(part, name) for part in parts], axis=1)[:, order]
+        for name in ("angle", "current", "force", "base_x")
+    }
+    return Record(time=parts[0].time, **joined)
+
+
+def _differing(models: Sequence[mujoco.MjModel]) -> dict[str, Array]:
+    """Return the fields that are not alike in all models, with their values, shape (models, ...)."""
+    found = {}
+    for name in MODEL_FIELDS:
+        if name.startswith("opt.") or name == "dof_frictionloss":
+            continue
+        first = getattr(models[0], name)
+        if any(not np.array_equal(first, getattr(model, name)) for model in models[1:]):
+            found[name] = np.stack([getattr(model, name) for model in models])
+    return found
+
+
+def _start(twin: TwinModel, score: Score) -> Array:
+    body = Body(twin)
+    body.data.qpos[twin.qpos] = score.pose
+    body.set_goal(score.hold)
+    state = np.empty(mujoco.mj_stateSize(body.model, _STATE))
+    mujoco.mj_getState(body.model, body.data, state, _STATE)
+    return state
+
+
+class _Share:
+    """The members of one worker."""
+
+    def __init__(self, members: Sequence[Member], differing: dict[str, Array], state: Array, score: Score) -> None:
+        twin = members[0].twin
+        lanes, n = len(members), len(twin.qpos)
+        self._twin, self._score, self._lanes = twin, score, np.arange(lanes)
+        self._members = members
+        self._batch = Batch(twin.model, lanes, 1)
+        for name, values in differing.items():
+            self._batch.expand(name)[:] = values
+        gravity = twin.model.opt.gravity
+        slope = np.array([member.slope for member in members])
+        if slope.any():
+            fall = -gravity[2]
+            pull = np.column_stack([fall * np.sin(slope), np.zeros(lanes), -fall * np.cos(slope)])
+            self._batch.expand("opt.gravity")[:] = pull
+        self._zero = np.array([member.zero if member.zero.size else np.zeros(n) for member in members])
+        self._batch.state[:] = state
+        self._late = np.array([round(member.late / twin.timestep) for member in members])
+        self._friction = np.stack([member.twin.servos.friction() for member in members])
+        self._k = np.stack([member.twin.servos.torque_constant for member in members])
+        self._r = np.stack([member.twin.servos.resistance for member in members])
+        self._full = np.array([member.twin.voltage for member in members])
+        self._gain = np.array([member.twin.foot_gain for member in members])
+        self._sagging = [(lane, member) for lane, member in enumerate(members) if member.resistance or member.drain]
+        self._gainprm = self._batch.expand("actuator_gainprm") if self._sagging else np.empty(0)
+        self._p_gain = np.array([joint.position_p_gain for joint in twin.lamp.joints], float)
+
+    def play(self) -> Record:
+        """Return the record of this share."""
+        batch, twin, score, lanes = self._batch, self._twin, self._score, self._lanes
+        bind = batch.bind
+        qpos, qvel, ctrl = bind("qpos"), bind("qvel"), bind("ctrl")
+        motor, bias, sensors = bind("qfrc_actuator"), bind("qfrc_bias"), bind("sensordata")
+        loss = batch.expand("dof_frictionloss")
+        qpos[:, twin.qpos] += self._zero
+        dt = twin.timestep
+        settle, steps = round(SETTLE / dt), math.ceil((score.end - score.begin) / dt)
+        # A goal takes effect in the step in which it arrives, as in the emulator.
+        arrival = np.floor((score.sent - score.begin) / dt + 1e-6).astype(np.int64)
+        goals = np.vstack([score.hold, score.goal])
+        voltage, drawn = self._full.copy(), np.zeros(len(lanes))
+        n = len(twin.qpos)
+        angle, current = np.empty((steps, len(lanes), n)), np.empty((steps, len(lanes), n))
+        force, base_x = np.empty((steps, len(lanes))), np.empty((steps, len(lanes)))
+        batch.forward()
+        for step in range(-settle, steps):
+            if step >= 0:
+                speed = qvel[:, twin.dof]
+                winding = motor[:, twin.dof] / self._k
+                duty = np.clip(np.abs(self._r * winding + self._k * speed) / voltage[:, None], 0.0, 1.0)
+                angle[step] = qpos[:, twin.qpos] - self._zero
+                current[step] = duty * winding
+                force[step] = sensors[:, twin.foot_sensor]
+                base_x[step] = qpos[:, 0]
+                drawn = np.abs(current[step]).sum(axis=1)
+            for lane, member in self._sagging:
+                since = score.begin + step * dt - score.powered
+                fallen = self._full[lane] - member.resistance * drawn[lane] - member.drain * since
+                voltage[lane] = max(fallen, _LEAST_VOLTAGE)
+                rows = self._gainprm[lane][twin.actuator]
+                write_motors(rows, member.twin.servos, self._p_gain, np.full(n, voltage[lane]), np.ones(n, bool))
+                self._gainprm[lane][twin.actuator] = rows
+            known = np.searchsorted(arrival, step - self._late, side="right")
+            ctrl[:, twin.actuator] = goals[known] + self._zero
+            friction_loss(self._friction, twin.dof, motor, bias, qvel, loss)
+            if step < -settle // 2:
+                loss[:, twin.dof] = _HAND  # the foot comes to rest on the floor, the joints held as by hand
+            batch.step(lanes, 1)
+        return Record(
+            time=score.begin + np.arange(steps, dtype=np.float64) * dt,
+            angle=angle,
+            current=current,
+            force=force * self._gain,
+            base_x=base_x - base_x[0],
+        )

@@ -1,0 +1,46 @@
+"""Logs of emulated lamps in lockstep, for the tests that need a controller, hops and a bus."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from robolamp.controller.file import load_controller
+from robolamp.controller.pilot import Pilot
+from robolamp.emulator.lamp import EmulatedLamp
+from robolamp.emulator.lockstep import Lockstep
+from robolamp.emulator.reality import Reality
+from robolamp.emulator.truth import TruthLog
+from robolamp.log.context import run_context
+from robolamp.log.writer import LogWriter
+from robolamp.robot.lamp import RobotLamp
+from robolamp.runtime.loop import run
+
+from .lamps import ASSETS, CALIBRATION, LAMP
+
+
+def hop(path: Path, reality: Reality, *, goal: float = 0.30, name: str = "hop", day: int = 0) -> Path:
+    """Write the log of a run of `hop` on an emulated lamp, and truth.mcap beside it; returns the log."""
+    controller = load_controller(ASSETS.named("hop", "sim/lamp/controllers", "controller"), LAMP, on_board=True)
+    world = EmulatedLamp(LAMP, CALIBRATION, ASSETS, reality)
+    ports = Lockstep(world, LAMP.bus_baud)
+    robot = RobotLamp(LAMP, ports.servo_port, ports.foot_port, ports.clock)
+    pilot = Pilot(controller, LAMP, goal)
+    context = run_context(
+        backend="emulator",
+        lamp=LAMP,
+        calibration=CALIBRATION,
+        controller=controller.source,
+        controller_name=name,
+        terminals=pilot.terminals,
+        goal=goal,
+        control_period=controller.control_period,
+    )
+    epoch = day * 86_400 * 10**9
+    path.parent.mkdir(parents=True, exist_ok=True)
+    truth = TruthLog(path.with_name("truth.mcap"), world, 0.0, {}, epoch=epoch)
+    robot.open()
+    with LogWriter(path, context=context, joints=LAMP.names, epoch=epoch, lossless=True) as log:
+        run(robot, pilot, LAMP, period=controller.control_period, duration=3.0, on_tick=log.tick)
+    robot.close()
+    truth.close()
+    return path
