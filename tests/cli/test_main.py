@@ -198,7 +198,7 @@ def bad_inputs() -> list:
             (
                 "evolve spread -o run",
                 {},
-                "spread: no such task; give a file, or one of: hop, hop-sighted, limbo,",
+                "spread: no such task; give a file, or one of: hop, hop-sighted, jumper,",
             ),
             ("evolve hop -o " + "x" * 300, {}, "File name too long"),
             ("dry-run hop --goal 0.3 -o " + "x" * 300, {}, "File name too long"),
@@ -219,7 +219,7 @@ def bad_inputs() -> list:
             ("evolve hop -o c.toml", {"c.toml": ""}, "--output c.toml: is not a folder"),
             ("evolve hop -o run --seed-from c.toml", {"c.toml": sees}, "c.toml: joints.ankle: needs px"),
             ("evolve hop -o c.toml/run", {"c.toml": ""}, "c.toml/run"),
-            ("render hop -o c.jpg", {}, "--output: 'c.jpg' does not end in .png or .gif"),
+            ("render hop -o c.jpg", {}, "--output: 'c.jpg' does not end in .png, .gif or .mp4"),
         )
     ]
 
