@@ -22,12 +22,14 @@ class Range:
         low: Smallest sane value.
         high: Largest sane value.
         meaning: What it is.
+        default: What it is where a file does not say; None: a file must.
     """
 
     unit: str
     low: float
     high: float
     meaning: str
+    default: float | None = None
 
 
 SERVO: Mapping[str, Range] = {
@@ -43,6 +45,13 @@ SERVO: Mapping[str, Range] = {
     "load_external_stribeck": Range("1", 0.0, 0.9, "extra friction per torque from outside, at standstill"),
     "gain_divisor": Range("1", 64.0, 1024.0, "counts of Position P Gain per unit of proportional gain"),
     "delay": Range("s", 0.0, 0.05, "from a goal's arrival at the servo to the voltage it causes"),
+    "stribeck_exponent": Range("1", 0.2, 4.0, "how sharply the extra friction falls with speed", 1.0),
+    "load_motor_stribeck": Range("1", -0.5, 0.9, "extra friction per motor torque, at standstill", 0.0),
+    "asymmetry": Range("1", -0.5, 0.5, "friction towards larger angles, above its mean", 0.0),
+    "saturation": Range("1/A", 0.0, 2.0, "loss of torque per ampere of winding current", 0.0),
+    "supply_resistance": Range("Ohm", 0.0, 5.0, "between the supply and the motor's driver: voltage sag", 0.0),
+    "resistance_temperature": Range("1/K", -0.05, 0.1, "growth of the resistance per degree above 30 degC", 0.0),
+    "viscous_temperature": Range("1/K", -0.3, 0.1, "logarithmic growth of viscous per degree above 30 degC", 0.0),
 }
 """Parameters of a servo, the same for every joint or for one joint alone."""
 
@@ -52,8 +61,15 @@ LAMP: Mapping[str, Range] = {
     "floor_friction": Range("1", 0.05, 3.0, "sliding friction coefficient of foot on floor"),
     "foot_gain": Range("1", 0.1, 10.0, "foot sensor reading per true force"),
     "mass_scale": Range("1", 0.5, 2.0, "all link masses, times this"),
+    "contact_softness": Range("1", 1.0, 5.0, "time constant of the foot's contact with the floor, times this", 1.0),
 }
 """Parameters of the lamp as a whole."""
+
+JOINT: Mapping[str, Range] = {
+    "encoder_offset": Range("rad", -0.3, 0.3, "what the encoder reads at true angle 0", 0.0),
+    "link_mass": Range("1", 0.5, 2.0, "mass and inertia of the link that the joint turns, times this", 1.0),
+}
+"""Parameters of one joint, beside those of its servo."""
 
 
 @dataclass(frozen=True)
@@ -65,12 +81,14 @@ class Parameter:
         unit: The unit.
         stderr: Standard error in the same unit; None where the value is from a datasheet or publication.
         source: Where it comes from.
+        identified: Whether the recordings that it was fitted to tell it; None where it was not fitted.
     """
 
     value: float
     unit: str
     stderr: float | None
     source: str
+    identified: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -93,6 +111,15 @@ class Calibration:
     source: str = field(repr=False)
     path: Path
 
+    def other_lamp(self, source: str) -> bool:
+        """Whether this was fitted to a lamp of another description; False where it was fitted to none.
+
+        Args:
+            source: Text of the description at hand (hardware/lamp.toml).
+        """
+        fitted_to = self.provenance.get("lamp_sha256")
+        return fitted_to is not None and fitted_to != hashlib.sha256(source.encode()).hexdigest()
+
     def lamp(self, name: str) -> float:
         """Return a parameter of the lamp as a whole, in its unit (see LAMP).
 
@@ -100,9 +127,17 @@ class Calibration:
             FileError: The file does not hold it.
         """
         parameter = self.groups.get("lamp", {}).get(name)
+        default = LAMP[name].default
+        if parameter is None and default is not None:
+            return default
         if parameter is None:
             raise FileError(f"lamp.{name}: missing; expected a value in {LAMP[name].unit}", str(self.path))
         return parameter.value
+
+    def joint(self, joint: str, name: str) -> float:
+        """Return a parameter of one joint, in its unit (see JOINT)."""
+        parameter = self.groups.get(f"joint {joint}", {}).get(name)
+        return (JOINT[name].default or 0.0) if parameter is None else parameter.value
 
     def servo(self, model: str, joint: str) -> dict[str, float]:
         """Return every parameter of SERVO for one joint: its own value where there is one, else its servo model's.
@@ -118,6 +153,9 @@ class Calibration:
         values = {}
         for name, legal in SERVO.items():
             parameter = own.get(name) or shared.get(name)
+            if parameter is None and legal.default is not None:
+                values[name] = legal.default
+                continue
             if parameter is None:
                 expected = f"a number from {legal.low:g} to {legal.high:g} {legal.unit}"
                 raise FileError(f"servo.{model}.{name}: missing; expected {expected}", str(self.path))
@@ -136,6 +174,7 @@ def _parameters(table: Table, legal: Mapping[str, Range]) -> dict[str, Parameter
             unit=entry.text("unit", [legal[name].unit]),
             stderr=entry.number("stderr", 0.0, float("inf"), legal[name].unit, default=None),
             source=entry.text("source", default=""),
+            identified=entry.flag("identified", default=None),
         )
         entry.done()
     return found
@@ -161,7 +200,7 @@ def load_calibration(assets: Assets, name: str | Path = "nominal") -> Calibratio
         groups[model] = _parameters(servos.table(model), SERVO)
     joints = root.table("joint", default={})
     for joint in joints.names():
-        groups[f"joint {joint}"] = _parameters(joints.table(joint), SERVO)
+        groups[f"joint {joint}"] = _parameters(joints.table(joint), {**SERVO, **JOINT})
     provenance = root.table("provenance")
     calibration = Calibration(
         name=root.text("name"),

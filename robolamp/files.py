@@ -201,6 +201,8 @@ class Table:
             FileError: The key is missing without a default, or neither true nor false.
         """
         value = self._get(key, "true or false", default)
+        if value is default and default is not ...:
+            return value
         if not isinstance(value, bool):
             raise self.fail(key, f"{value!r} is not true or false")
         return value

@@ -26,6 +26,7 @@ class Health:
         pwm: Duty, shape (n,), -1 to 1.
         torque: Torque Enable, shape (n,): 1 on, 0 off, -1 unknown.
         hardware_error: Hardware Error Status bits, shape (n,); -1 unknown.
+        error: ERR byte of each answer, shape (n,), bit 7 the hardware alert; -1 none came; empty: of no servo.
     """
 
     voltage: Array
@@ -33,6 +34,7 @@ class Health:
     pwm: Array
     torque: NDArray[np.int64]
     hardware_error: NDArray[np.int64]
+    error: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
 
     @classmethod
     def unknown(cls, n: int) -> Health:
@@ -171,7 +173,7 @@ class Tick:
 
     Attributes:
         index: Tick number, from 0.
-        phase: "start", "run" or "landing".
+        phase: "start", "run", "landing", or "limp" (torque is off, and the goal was not sent).
         scheduled: When the tick was due [s], on the backend's clock.
         began: When it began [s].
         read_done: When the sensors had been read [s].

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -34,8 +35,8 @@ def deploy(
 ) -> int:
     """Run a controller on the physical lamp: soft start, hop, soft landing, torque off; then compare with the twin.
 
-    Stand the lamp upright with room to hop and a hand near its plug. Ctrl-C lands it softly; a second Ctrl-C turns its
-    torque off at once.
+    Stand the lamp upright with room to hop and a hand near its plug. Ctrl-C, and in a terminal q, Space or Esc, lands
+    it softly; Ctrl-C again turns its torque off at once.
 
     Args:
         controller: A controller file, or the name of a shipped one (hop).
@@ -46,8 +47,10 @@ def deploy(
         duration: How long the controller drives, in seconds.
         calibration: The twin's numbers: a file, or a name in calibration/.
         lamp: A folder of your own lamp, laid out like robolamp's.
-        stage: For a first run: shadow (torque stays off: what would be commanded?), then gentle (half the supply, a
-            quarter of the speed), then full. By default full, without asking for the others.
+        stage: How far it may go; by default full, without asking for the others. For a first run, in turn:
+            shadow: torque stays off; what would be commanded?
+            gentle: half the supply, a quarter of the speed.
+            full: everything.
         after: The log of the stage before, which gentle and full want.
         force: Run the stage without that log.
         fix: Mend settings of the servos that are wrong and that software may mend.
@@ -57,6 +60,12 @@ def deploy(
         as_json: Print one JSON object.
     """
     setup = Setup.of(lamp, calibration)
+    if setup.calibration.other_lamp(setup.lamp.source):
+        print(
+            f"robolamp: {setup.calibration.path}: was fitted to another lamp, or {setup.lamp.path.name} was changed "
+            "since; what the twin is compared with may not be this lamp",
+            file=sys.stderr,
+        )
     loaded = setup.controller(controller, on_board=True)
     check_goal_time(loaded, goal_time)
     distance = length(goal, "--goal")

@@ -7,6 +7,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from robolamp.cli.keys import StopKeys
 from robolamp.cli.live import LiveView
 from robolamp.cli.options import Setup
 from robolamp.cli.stages import STAGES, Stage
@@ -103,8 +104,7 @@ def drive(
     lamp = stage.lamp(plan.setup.lamp)
     pilot = Pilot(plan.controller, lamp, plan.goal, plan.goal_time)  # compiled before anything is connected
     clock = virtual.clock if virtual else MonotonicClock()
-    emulated = isinstance(servo_port, str) and Path(servo_port).resolve().is_relative_to(_PSEUDO_TERMINALS)
-    patience = _EMULATOR_PATIENCE if emulated else PATIENCE
+    patience = patience_at(servo_port)
     epoch = virtual.epoch if virtual else None
     robot = RobotLamp(lamp, servo_port, foot_port, clock, patience=patience, duty=stage.duty, fix=plan.fix)
     backend = robot if stage.powered else ShadowLamp(robot, lamp)
@@ -125,8 +125,10 @@ def drive(
         robot.open()
         with (
             LogWriter(plan.log, context=context, joints=lamp.names, epoch=epoch, lossless=bool(virtual)) as log,
-            LiveView(lamp, plan.goal, plan.duration, quiet) as view,
+            StopKeys() as keys,
+            LiveView(lamp, plan.goal, plan.duration, quiet, keys=keys.listening) as view,
         ):
+            stop.asked = keys.pressed
 
             def event(level: str, text: str) -> None:
                 log.event(level, text, clock.now())
@@ -150,7 +152,7 @@ def drive(
             result = run(
                 backend, pilot, lamp, period=pilot.control_period, duration=plan.duration,
                 on_tick=tick, on_event=event, stop=stop, powered=stage.powered,
-                reconnect=robot.reconnect if plan.resume and stage.powered else None,
+                reconnect=robot.reconnect if plan.resume else None,
             )  # fmt: skip
     finally:
         robot.close()
@@ -159,6 +161,16 @@ def drive(
     if log.dropped:
         result.faults["log: entries dropped, the disk did not keep up"] = log.dropped
     return result
+
+
+def patience_at(port: str | Port) -> float:
+    """Return how long an answer may be late at a port before it is a gap [s].
+
+    Args:
+        port: A path, or a port object.
+    """
+    emulated = isinstance(port, str) and Path(port).resolve().is_relative_to(_PSEUDO_TERMINALS)
+    return _EMULATOR_PATIENCE if emulated else PATIENCE
 
 
 def run_folder(output: Path | None, controller: Controller, goal: float) -> Path:

@@ -45,7 +45,8 @@ def dry_run(
         goal: How far to go, as 0.30 (metres) or 30cm.
         goal_time: Time to take for the way in seconds, for a controller that reads goal_time.
         duration: How long the controller drives, in seconds.
-        reality: How the emulated lamp differs from its twin: a file, the name of one (worn), or none.
+        reality: How the emulated lamp differs from its twin: none, a file, or the name of one (worn);
+            random:SEED: everything differs; knob:KIND:SEED: one thing does, as knob:backlash:7.
         calibration: The twin's numbers: a file, or a name in calibration/.
         lamp: A folder of your own lamp, laid out like robolamp's.
         faults: A TOML script of what goes wrong on the emulated bus; what was injected goes to injections.jsonl.

@@ -42,11 +42,13 @@ def emulate(
     Args:
         lamp: Your own lamp's folder (laid out like robolamp's: hardware/, sim/, calibration/).
         calibration: Calibration file, or the name of one (nominal): what the physics is calculated with.
-        reality: How this lamp differs from that calibration: a file, the name of one (worn), or none.
+        reality: How this lamp differs from that calibration: none, a file, or the name of one (worn);
+            random:SEED: everything differs; knob:KIND:SEED: one thing does, as knob:backlash:7.
         truth: Write what really happens (base, contacts, true angles) to this MCAP log.
         servos: Instead of a lamp, the servos of this TOML file, each with a motor of its own.
         factory: New servos (id 1, 57600 baud), only the first plugged in; Enter or SIGUSR1 plugs the next one in.
-        eeprom: With --servos: a folder that keeps each servo's EEPROM from one start to the next.
+        eeprom: A folder that keeps each servo's EEPROM from one start to the next.
+            What it holds goes before the description of the lamp or the servos.
         faults: A TOML script of what goes wrong, and when.
         injections: Write each fault that is injected to this file, a line of JSON each.
         ports: A folder for links "servo" and "foot" to the ports; they survive that a fault unplugs a port.
@@ -59,8 +61,6 @@ def emulate(
         for option, value in for_a_lamp.items():
             if servos is not None and value is not None:
                 raise RobolampError("cannot be used with --servos: there is no lamp", option)
-        if servos is None and eeprom is not None:
-            raise RobolampError("needs --servos; a lamp's EEPROM is what hardware/lamp.toml says", "--eeprom")
         from robolamp.cli.emulating import Hand, InjectionLog, bare_rig, lamp_rig
         from robolamp.emulator.process import Process
         from robolamp.emulator.traffic import Traffic
@@ -68,7 +68,7 @@ def emulate(
         if servos is not None:
             rig = bare_rig(servos, faults, factory, eeprom)
         else:
-            rig = lamp_rig(lamp, calibration or "nominal", reality or "worn", faults, factory)
+            rig = lamp_rig(lamp, calibration or "nominal", reality or "worn", faults, factory, eeprom)
         if rig.faults.unplugs and ports is None:
             raise RobolampError("unplugs a port; give --ports DIR, whose links survive that", str(faults))
         report = InjectionLog(injections)

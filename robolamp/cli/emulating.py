@@ -14,18 +14,18 @@ from typing import Any, TextIO
 
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration, load_calibration
-from robolamp.dynamixel.registers import MODELS, Model
+from robolamp.dynamixel.registers import BAUD_CODES, MODELS, Model, Name
 from robolamp.emulator.bare import BareServos
+from robolamp.emulator.eeprom import open_folder
 from robolamp.emulator.emulated import Emulated
 from robolamp.emulator.faults import Faults, load_faults
 from robolamp.emulator.injector import Injection
 from robolamp.emulator.process import REAL_TIME_GAP
 from robolamp.emulator.reality import Reality, load_reality
+from robolamp.emulator.servo import Servo
 from robolamp.emulator.servos_file import load_servos
 from robolamp.errors import FileError
 from robolamp.lamp import Lamp, load_lamp
-
-_FACTORY_ID, _FACTORY_BAUD = 1, 57_600  # ID(7) and Baud Rate(8) as delivered
 
 
 @dataclass(frozen=True)
@@ -81,13 +81,14 @@ class Rig:
             *foot,
             f"plant       {self.plant}, in real time",
             *([f"faults      {self.faults.name}"] if self.faults.rates or self.faults.events else []),
-            "not modelled: two answers at once (they follow one another), gaps of 1.5 ms on a pseudo-terminal,",
-            "            gear play, feedforward gains; docs/emulator.md has the whole list",
+            "not modelled: gaps of 1.5 ms on a pseudo-terminal, power loss and more: docs/emulator.md has the list",
             "Ctrl-C ends it.",
         ]
 
 
-def lamp_rig(folder: Path | None, calibration: str, reality: str, faults: Path | None, factory: bool) -> Rig:
+def lamp_rig(
+    folder: Path | None, calibration: str, reality: str, faults: Path | None, factory: bool, eeprom: Path | None
+) -> Rig:
     """Return an emulated lamp.
 
     Args:
@@ -96,6 +97,7 @@ def lamp_rig(folder: Path | None, calibration: str, reality: str, faults: Path |
         reality: File or name.
         faults: Fault script.
         factory: Whether its servos are new.
+        eeprom: Folder that keeps their EEPROM.
 
     Raises:
         FileError: One of them is missing or malformed.
@@ -107,16 +109,9 @@ def lamp_rig(folder: Path | None, calibration: str, reality: str, faults: Path |
     numbers = load_calibration(assets, calibration)
     bent = load_reality(reality, lamp, assets)
     script = load_faults(faults, tuple(joint.id for joint in lamp.joints)) if faults else Faults("none")
-    world = EmulatedLamp(lamp, numbers, assets, bent, gap=REAL_TIME_GAP, faults=script, factory=factory)
-    servos = tuple(
-        ServoFacts(
-            joint.name,
-            _FACTORY_ID if factory else joint.id,
-            joint.servo,
-            _FACTORY_BAUD if factory else lamp.bus_baud,
-        )
-        for joint in lamp.joints
-    )
+    store = open_folder(eeprom) if eeprom else None
+    world = EmulatedLamp(lamp, numbers, assets, bent, gap=REAL_TIME_GAP, faults=script, factory=factory, store=store)
+    servos = tuple(_facts(name, servo) for name, servo in zip(lamp.names, world.servos, strict=True))
     plant = f"{lamp.name}: calibration {numbers.name}, reality {bent.name}; standing, held"
     return Rig(world, servos, script, plant, True, (lamp, numbers, bent))
 
@@ -137,17 +132,16 @@ def bare_rig(file: Path, faults: Path | None, factory: bool, eeprom: Path | None
     script = Faults("none")
     if faults:
         script = load_faults(faults, tuple(servo.id for servo in listed.servos), foot=False)
-    world = BareServos(listed.servos, gap=REAL_TIME_GAP, faults=script, factory=factory, store=eeprom)
-    facts = tuple(
-        ServoFacts(
-            f"servo {index + 1}",
-            servo.id,
-            servo.model.name,
-            _FACTORY_BAUD if factory else listed.servos[index].baud,
-        )
-        for index, servo in enumerate(world.servos)
-    )
+    store = open_folder(eeprom) if eeprom else None
+    world = BareServos(listed.servos, gap=REAL_TIME_GAP, faults=script, factory=factory, store=store)
+    facts = tuple(_facts(f"servo {number}", servo) for number, servo in enumerate(world.servos, 1))
     return Rig(world, facts, script, f"{listed.name}: a motor for each servo, its shaft free", False)
+
+
+def _facts(name: str, servo: Servo) -> ServoFacts:
+    rate = servo.register(Name.BAUD_RATE)
+    baud = next(baud for baud, code in BAUD_CODES.items() if code == rate)
+    return ServoFacts(name, servo.id, servo.model.name, baud)
 
 
 class InjectionLog:

@@ -35,11 +35,13 @@ class LiveView:
         goal: Commanded distance [m].
         duration: Length of the run phase [s].
         quiet: Draw nothing (for `--json`).
+        keys: Whether stop keys are listened to.
     """
 
-    def __init__(self, lamp: Lamp, goal: float, duration: float, quiet: bool) -> None:
+    def __init__(self, lamp: Lamp, goal: float, duration: float, quiet: bool, *, keys: bool = False) -> None:
         self._console = _Console(stderr=True, quiet=quiet, highlight=False)
         self._lamp, self._goal, self._duration = lamp, goal, duration
+        self._keys = "q, Space, Esc or Ctrl-C" if keys else "Ctrl-C"
         self._live = Live(console=self._console, auto_refresh=False, transient=True)
         self._drawing = self._console.is_terminal and not quiet
         self._run_began: float | None = None
@@ -91,4 +93,5 @@ class LiveView:
         )
         grid.add_row("joints", f"{angles} rad")
         grid.add_row("hops", f"{tick.hops}   interventions {tick.interventions.total}   faults {self._faults}")
+        grid.add_row("to stop", f"{self._keys} lands it softly; Ctrl-C again: torque off at once")
         return grid

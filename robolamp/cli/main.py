@@ -42,6 +42,7 @@ STEP is scan, assign, zero, foot or check; hardware/README.md says when to take 
 
 The twin replays the log's goals; two logs are laid over each other; a folder of runs gives a trend and how well twin
 and lamp agree over controllers. Exit code 0: inside the tolerances; 1: outside; 2: could not compare.""",
+    "calibrate": "Make the twin predict a lamp or a servo: record it, fit what the recordings tell, judge, report.",
     "score": "Score a controller on the twin, over many goals and lamps.",
     "explain": "Show how a controller works: its expressions, simplified; the signals they read; the branches taken.",
     "evolve": """Evolve a controller on the twin.
@@ -65,7 +66,7 @@ Servos and foot sensor are behind a serial port each; the lamp's physics runs be
 upright, each joint held as if by hand until its torque is first turned on. docs/emulator.md says what is modelled.""",
 }
 for _order, (_verb, _help) in enumerate(_VERBS.items()):
-    _function = {"log": "app"}.get(_verb, _verb.replace("-", "_"))  # log has verbs of its own
+    _function = {"log": "app", "calibrate": "app"}.get(_verb, _verb.replace("-", "_"))  # these have verbs of their own
     _help = re.sub(r"(?<!\n)\n(?!\n)", " ", _help)  # paragraphs are wrapped to the terminal, not here
     app.command(f"robolamp.cli.{_verb.replace('-', '_')}:{_function}", name=_verb, help=_help, sort_key=_order)
 

@@ -12,6 +12,7 @@ from cyclopts import Parameter
 from robolamp.assets import Assets
 from robolamp.cli.options import seconds
 from robolamp.cli.output import print_json
+from robolamp.errors import RobolampError
 from robolamp.lamp import Joint, load_lamp
 
 if TYPE_CHECKING:
@@ -41,10 +42,13 @@ def monitor(
     Args:
         port: Serial port of the servos; by default bus.port of hardware/lamp.toml.
         foot_port: Serial port of the foot sensor; by default foot.port of hardware/lamp.toml; "none" to do without.
-        duration: Stop after this many seconds; by default at Ctrl-C.
+        duration: Stop after this many seconds; by default at Ctrl-C. Not with --json, which is one look.
         lamp: A folder of your own lamp, laid out like robolamp's.
         as_json: Print one JSON object, one look, and end.
     """
+    if as_json and duration is not None:
+        raise RobolampError("is for the live table; --json takes one look and ends", "--duration")
+
     from rich.console import Console
     from rich.live import Live
 

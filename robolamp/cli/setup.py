@@ -67,8 +67,8 @@ def setup(
         weight: For foot: a weight in kg that you will set on the foot.
         last_id: For scan and assign: the largest id to look for; 20 unless given.
         fix: For check: mend settings that software may mend.
-        yes: Do not wait for Enter: the lamp is as it should be now. With zero it needs --keep-signs; with foot and
-            --weight, the weight is on the foot now and the tare of lamp.toml is kept.
+        yes: Do not wait for Enter: the lamp is as it should be now. With zero it needs --keep-signs.
+            With foot and --weight, the weight is on the foot now and the tare of lamp.toml is kept.
         lamp: A folder of your own lamp, laid out like robolamp's; zero and foot write into it.
         as_json: Print one JSON object.
     """
@@ -127,7 +127,8 @@ def _assign(port: str, lamp: Lamp, name: str | None, last_id: int) -> dict[str, 
 
     joint = next((joint for joint in lamp.joints if joint.name == name), None)
     if joint is None:
-        raise RobolampError(f"{name!r} is not one of {', '.join(lamp.names)}", "--joint")
+        said = "assign wants --joint" if name is None else f"{name!r} is not a joint"
+        raise RobolampError(f"{said}; expected one of {', '.join(lamp.names)}", "--joint")
     clock = MonotonicClock()
     found = scan(port, clock, last=last_id)
     done = {other.id for other in lamp.joints if other is not joint}  # servos that are another joint's already

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import io
 import math
-import re
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
@@ -17,16 +14,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from robolamp.compare.folder import Folder, Row
-from robolamp.compare.report import LAMP, TWIN, document, text
+from robolamp.compare.report import document, text
+from robolamp.compare.svg import FAINT, LAMP, STYLE, TWIN, svg
 from robolamp.files import write_atomic
-
-_INK, _FAINT = "#010203", "#010204"  # stand-ins, replaced by the page's own ink
-_STYLE: dict[Any, Any] = {
-    "svg.fonttype": "none", "svg.hashsalt": "robolamp", "font.family": "sans-serif", "font.size": 9.5,
-    "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": _FAINT, "axes.labelcolor": _INK,
-    "text.color": _INK, "xtick.color": _FAINT, "ytick.color": _FAINT, "xtick.labelcolor": _INK,
-    "ytick.labelcolor": _INK, "grid.color": _FAINT, "grid.alpha": 0.18, "axes.grid": True, "axes.axisbelow": True,
-}  # fmt: skip
 
 
 def write_folder_report(folder: Folder, path: Path) -> None:
@@ -103,7 +93,7 @@ def _scores(folder: Folder) -> str:
         def draw(axes: Axes, points: dict[str, tuple[float, float]] = points, scale: float = scale, label: str = label):
             values = np.array(list(points.values())) * scale
             most = float(values.max()) * 1.1 or 1.0
-            axes.plot([0, most], [0, most], color=_FAINT, linewidth=0.8, linestyle=(0, (4, 3)))
+            axes.plot([0, most], [0, most], color=FAINT, linewidth=0.8, linestyle=(0, (4, 3)))
             axes.plot(values[:, 0], values[:, 1], "o", color=TWIN)
             for name, (x, y) in zip(points, values, strict=True):
                 axes.annotate(name, (x, y), xytext=(5, 4), textcoords="offset points", fontsize=8)
@@ -127,18 +117,11 @@ def _means(
 
 
 def _svg(draw: Callable[[Axes], None], size: tuple[float, float], title: str) -> str:
-    with rc_context(_STYLE):
+    with rc_context(STYLE):
         figure = Figure(figsize=size)
         figure.subplots_adjust(0.62 / size[0], 0.5 / size[1], 1 - 0.12 / size[0], 1 - 0.12 / size[1])
         draw(figure.subplots())
-        stream = io.StringIO()
-        figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None, "Title": title, "Creator": None})
-    svg = stream.getvalue()
-    svg = svg[svg.index("<svg") :]
-    svg = re.sub(r' width="[\d.]+pt"| height="[\d.]+pt"', "", svg, count=2)
-    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
-    svg = svg.replace(_INK, "var(--ink)").replace(_FAINT, "var(--faint)")
-    return f"<figure>{svg.replace('<svg', f'<svg role=img aria-label={title!r}', 1)}</figure>"
+        return f"<figure>{svg(figure, title)}</figure>"
 
 
 def _number(value: float, form: str) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -54,8 +56,9 @@ class Replay:
 def replay(run: Run, lamp: Lamp, calibration: Calibration, assets: Assets) -> Replay:
     """Drive the twin with a log's goals.
 
-    A goal arrives at the twin's servos when the log says it had been sent. The calibration's line delay, which stands
-    for that time where there is no log, plays no part.
+    A goal arrives at the twin's servos when the log says it had been sent, within a physics step too. The calibration's
+    line delay, which stands for that time where there is no log, plays no part. A stage's duty limit holds for the
+    twin's motors too.
 
     Args:
         run: The log.
@@ -64,15 +67,15 @@ def replay(run: Run, lamp: Lamp, calibration: Calibration, assets: Assets) -> Re
         assets: Where the model is.
 
     Raises:
-        FileError: The log is of a lamp with other joints.
+        FileError: The log is of a lamp with other joints, or its duty limit is none.
         SafetyError: A logged goal is outside the lamp's limits.
     """
     if run.joints != lamp.names:
         raise FileError(f"is of joints {', '.join(run.joints)}; {lamp.path} has {', '.join(lamp.names)}", str(run.path))
-    twin = TwinLamp(build(lamp, calibration, assets))
+    twin = TwinLamp(build(lamp, calibration, assets), duty=_duty(run))
     origin = float(run.began[0])
-    sent = run.write_done - origin - twin.twin.line_delay
     read = run.measured_at - origin
+    commands = _commands(run, twin.twin)
     recorder = _Recorder(twin, origin)
     counter = _HopCounter(run, lamp)
     twin.open()
@@ -83,17 +86,12 @@ def replay(run: Run, lamp: Lamp, calibration: Calibration, assets: Assets) -> Re
     for index in range(run.index.size):
         if run.phase[index] == "run" and (index == 0 or run.phase[index - 1] != "run"):
             twin.start_judging()
-        goal = run.goal[index]
-        if sent[index] < read[index]:
-            recorder.advance(sent[index])
+        while commands and commands[0][0] < read[index]:
+            at, goal = commands.popleft()
+            recorder.advance(at)
             twin.command(Command(goal))
-            recorder.advance(read[index])
-            seen = twin.observe()
-        else:
-            recorder.advance(read[index])
-            seen = twin.observe()
-            recorder.advance(sent[index])
-            twin.command(Command(goal))
+        recorder.advance(read[index])
+        seen = twin.observe()
         seen.time += origin
         hops, contact = counter.count(index, seen.angle, seen.foot_force)
         began = float(run.began[index])
@@ -106,16 +104,50 @@ def replay(run: Run, lamp: Lamp, calibration: Calibration, assets: Assets) -> Re
                 read_done=seen.time,
                 write_done=float(run.write_done[index]),
                 observation=seen,
-                goal=goal,
+                goal=run.goal[index],
                 interventions=Interventions(),
                 hops=hops,
                 contact=contact,
             )
         )
+    for at, goal in commands:
+        recorder.advance(at)
+        twin.command(Command(goal))
     recorder.advance(run.write_done[-1] - origin + run.control_period)
     outcome = twin.outcome
     twin.close()
     return recorder.replay(ticks, outcome)
+
+
+def _commands(run: Run, twin: TwinModel) -> deque[tuple[float, Array]]:
+    """Return when to command what, so that goals arrive at the servos when the log says [s, rad].
+
+    A goal that arrives within a physics step is first mixed with the one before, weighted by the time that each holds
+    in that step: rounded to whole steps, every tick of a run would be early or late by the same.
+    """
+    step = twin.timestep
+    line = round(twin.line_delay / step) * step  # as the twin keeps it
+    arrival = np.maximum((run.write_done - run.began[0] - line) / step, 0.0)
+    commands: deque[tuple[float, Array]] = deque()
+    before = run.goal[0]
+    for goal, at in zip(run.goal, arrival.tolist(), strict=True):
+        whole = math.floor(at)
+        commands.append((whole * step, goal + (at - whole) * (before - goal)))
+        commands.append(((whole + 1) * step, goal))
+        before = goal
+    return commands
+
+
+def _duty(run: Run) -> float:
+    """Return the Goal PWM(100) that the stage of a run had set, 0 to 1; 1 where the log names none."""
+    text = run.context.get("duty_limit", "1")
+    try:
+        duty = float(text)
+    except ValueError:
+        duty = 0.0
+    if not 0.0 < duty <= 1.0:
+        raise FileError(f"duty_limit is {text!r}; expected more than 0, up to 1", str(run.path))
+    return duty
 
 
 def _pose(twin: TwinLamp, angle: Array) -> None:

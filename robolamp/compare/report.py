@@ -20,11 +20,10 @@ from robolamp.compare.course import BANDS
 from robolamp.compare.figures import moving, page_data
 from robolamp.compare.flights import Flight
 from robolamp.compare.side import Base, origin
+from robolamp.compare.svg import LAMP, TWIN
 from robolamp.files import write_atomic
 from robolamp.twin.render import Picture, qpos_of, strip
 
-TWIN, LAMP = "#3a86c8", "#e0782a"
-"""Colours of the two."""
 _FRAMES = 7
 _UNIT = re.compile(r"(\d) (cm|mrad|ms|s|N|V|%|ppm|Ohm)(?![\w])")  # a number is not torn from its unit at a line's end
 _ARTICLE = {"twin": "a twin in virtual time", "emulator": "an emulated lamp", "lamp": "a physical lamp"}
@@ -59,13 +58,14 @@ def page(comparison: Comparison) -> str:
     return document(f"{name}: lamp against {comparison.other.name}", "\n".join(body), page_data(comparison))
 
 
-def document(title: str, body: str, data: str) -> str:
+def document(title: str, body: str, data: str, style: str = "") -> str:
     """Return a whole page with everything in it that it needs.
 
     Args:
         title: Of the page.
         body: What it says, as HTML.
         data: What report.js draws, as JSON; empty: nothing is drawn.
+        style: Style rules of this page, after those of all.
     """
     shelf = files("robolamp.compare").joinpath("page")
     parts = {name: shelf.joinpath(name).read_text(encoding="utf-8") for name in _PARTS}
@@ -77,7 +77,7 @@ def document(title: str, body: str, data: str) -> str:
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{text(title)}</title>\n<style>\n{parts['uPlot.min.css']}\n{parts['report.css']}{colours}\n</style>\n"
+        f"<title>{text(title)}</title>\n<style>\n{parts['uPlot.min.css']}\n{parts['report.css']}{style}{colours}\n</style>\n"
         f"</head>\n<body>\n<main>\n{body}\n</main>\n{scripts if data else ''}</body>\n</html>\n"
     )
 

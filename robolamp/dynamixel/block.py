@@ -12,35 +12,36 @@ from robolamp.dynamixel.bus import Bus
 from robolamp.dynamixel.registers import Model, Name
 
 FIELDS = (
-    Name.PRESENT_PWM,
-    Name.PRESENT_CURRENT,
-    Name.PRESENT_VELOCITY,
-    Name.PRESENT_POSITION,
-    Name.PRESENT_INPUT_VOLTAGE,
-    Name.PRESENT_TEMPERATURE,
-    Name.TORQUE_ENABLE,
-    Name.HARDWARE_ERROR_STATUS,
-    Name.REALTIME_TICK,
-    Name.MOVING,
+    (Name.PRESENT_PWM, 2),
+    (Name.PRESENT_CURRENT, 2),
+    (Name.PRESENT_VELOCITY, 4),
+    (Name.PRESENT_POSITION, 4),
+    (Name.PRESENT_INPUT_VOLTAGE, 1),
+    (Name.PRESENT_TEMPERATURE, 1),
+    (Name.TORQUE_ENABLE, 1),
+    (Name.HARDWARE_ERROR_STATUS, 1),
+    (Name.GOAL_POSITION, 2),
+    (Name.REALTIME_TICK, 2),
 )
-"""What is in the block, in its order; where a model has no Present Current(126), Present Load is mapped."""
+"""What is in the block, in its order, and how many of each register's low bytes: the XL330 maps 20 in all. One byte
+holds 25.5 V, two hold any goal inside a turn. Where a model has no Present Current(126), Present Load is mapped."""
 
-LENGTHS = (17, 18, 19)
+LENGTHS = (18, 19, 20)
 """Bytes that readings take in turn: an answer that comes after its reading was given up has the wrong length for the
-next one. All of them hold everything up to Hardware Error Status."""
+next one. All of them hold everything up to Goal Position."""
 
 _MOVED_IN = 52  # firmware from which on the XL330's Indirect Data is at 208 (dynamixel_easy_sdk, xl330_m288_fw52.model)
 _OLD_DATA = 224
 _X330 = (1190, 1200)
 
 
-def offsets(model: Model) -> Mapping[Name, int]:
-    """Return where in the block each register of FIELDS begins."""
-    found: dict[Name, int] = {}
+def places_in_block() -> Mapping[Name, tuple[int, int]]:
+    """Return where in the block each register of FIELDS begins, and how many bytes of it are there."""
+    found: dict[Name, tuple[int, int]] = {}
     at = 0
-    for name in FIELDS:
-        found[name] = at
-        at += model[_present(model, name)].size
+    for name, size in FIELDS:
+        found[name] = (at, size)
+        at += size
     return found
 
 
@@ -60,8 +61,8 @@ def map_block(bus: Bus, servo: int, model: Model) -> None:
     Raises:
         BusError: It does not answer or refuses.
     """
-    rows = [model[_present(model, name)] for name in FIELDS]
-    sources = [row.address + byte for row in rows for byte in range(row.size)]
+    rows = [(model[_present(model, name)], size) for name, size in FIELDS]
+    sources = [row.address + byte for row, size in rows for byte in range(size)]
     table = b"".join(source.to_bytes(2, "little") for source in sources)
     if bus.read_bytes(servo, model.indirect[0].address, len(table)) != table:
         bus.write_bytes(servo, model.indirect[0].address, table)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import termios
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -35,6 +36,7 @@ instruction was given up would pass for the next one's."""
 ATTEMPTS = 3
 """How often a single read, write or ping is tried; a sync read inside a tick is not repeated."""
 
+_APART = 3  # single reads in a row that ask for different numbers of bytes
 _HEADER = b"\xff\xff\xfd\x00"
 _BROADCAST = 0xFE
 _PING, _READ, _WRITE, _REBOOT, _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x01, 0x02, 0x03, 0x08, 0x82, 0x83, 0x8A
@@ -65,6 +67,11 @@ class Bus:
         clock: Measures timeouts.
         labels: What to call the servos in messages, by id.
         patience: How long to wait for an answer beyond its time on the wire [s].
+
+    Attributes:
+        name: The port's path.
+        stray: Bytes received that answered nothing, so far: duplicates, and answers that came too late.
+        gone: Whether the port went away since it was opened.
     """
 
     def __init__(
@@ -77,12 +84,15 @@ class Bus:
         patience: float = PATIENCE,
     ) -> None:
         self.name = port if isinstance(port, str) else type(port).__name__
+        self.stray = 0
+        self.gone = False
         self._port: Any = SerialPort(port, baud, clock) if isinstance(port, str) else port
         self._baud = baud
         self._packets = Protocol2PacketHandler()
         self._labels = dict(labels or {})
         self._patience = patience
         self._open = False
+        self._asked: deque[int] = deque(maxlen=_APART)  # bytes that the last reads asked for
         self._sent = 0  # bytes of the last instruction
 
     def open(self) -> None:
@@ -99,7 +109,7 @@ class Bus:
             raise open_error(self.name, error, "--port, or bus.port in hardware/lamp.toml") from None
         if not opened:  # the SDK does not know the rate
             raise self._rate_error()
-        self._open = True
+        self._open, self.gone = True, False
 
     def close(self) -> None:
         """Close the port; may be called twice."""
@@ -156,9 +166,8 @@ class Bus:
         Raises:
             BusError: The servo does not answer or refuses, or the port is gone.
         """
-        parameters = register.address.to_bytes(2, "little") + register.size.to_bytes(2, "little")
-        status = self._answer(servo, _READ, parameters, register.size, f"the read of {_named(register)}")
-        return int.from_bytes(status.data, "little", signed=register.signed)
+        data = self._read(servo, register.address, register.size, f"the read of {_named(register)}")
+        return int.from_bytes(data, "little", signed=register.signed)
 
     def write(self, servo: int, register: Register, value: int) -> None:
         """Write a register, in counts, and check that the servo took it.
@@ -240,8 +249,7 @@ class Bus:
         Raises:
             BusError: The servo does not answer or refuses, or the port is gone.
         """
-        parameters = address.to_bytes(2, "little") + length.to_bytes(2, "little")
-        return self._answer(servo, _READ, parameters, length, f"the read of {length} bytes at {address}").data
+        return self._read(servo, address, length, f"the read of {length} bytes at {address}")
 
     def write_bytes(self, servo: int, address: int, data: bytes) -> None:
         """Write bytes of a servo's control table, and check that the servo took them.
@@ -260,6 +268,15 @@ class Bus:
         """
         self._answer(servo, _REBOOT, b"", 0, "the reboot")
 
+    def write_all(self, register: Register, value: int) -> None:
+        """Write a register of every servo on the line, in counts, whatever its id; nobody answers.
+
+        Raises:
+            BusError: The port is gone.
+        """
+        with self._line():
+            self._send(_BROADCAST, _WRITE, register.address.to_bytes(2, "little") + _encoded(register, value))
+
     def sync_write(self, register: Register, values: Mapping[int, int]) -> None:
         """Write one register of several servos, in counts, with one instruction that nobody answers.
 
@@ -270,6 +287,17 @@ class Bus:
         body = b"".join(bytes([servo]) + _encoded(register, value) for servo, value in values.items())
         with self._line():
             self._send(_BROADCAST, _SYNC_WRITE, head + body)
+
+    def _read(self, servo: int, address: int, length: int, what: str) -> bytes:
+        """Return bytes of a control table.
+
+        It asks for a byte or more beyond them where an earlier read asked for as many: an answer does not say what it
+        answers, and one that comes twice, or too late, would pass for that of a later read.
+        """
+        asked = next(count for count in range(length, length + _APART + 1) if count not in self._asked)
+        self._asked.append(asked)
+        parameters = address.to_bytes(2, "little") + asked.to_bytes(2, "little")
+        return self._answer(servo, _READ, parameters, asked, what).data[:length]
 
     def _answer(self, servo: int, instruction: int, parameters: bytes, length: int, what: str) -> Status:
         status = self._ask(servo, instruction, parameters, length)
@@ -306,6 +334,7 @@ class Bus:
         packet = _HEADER + bytes([servo]) + (len(stuffed) + 2).to_bytes(2, "little") + stuffed
         packet += self._packets.updateCRC(0, packet, len(packet)).to_bytes(2, "little")
         self._port.is_using = False  # rxPacket leaves it so, except where it raised
+        self.stray += self._port.getBytesAvailable()
         self._port.clearPort()  # an answer that came too late must not pass for this instruction's
         written = self._port.writePort(packet)
         if written != len(packet):
@@ -334,6 +363,7 @@ class Bus:
         try:
             yield
         except _PORT_ERRORS as error:
+            self.gone = True
             raise BusError(f"the port is gone ({said_by(error)})", self.name) from None
 
 

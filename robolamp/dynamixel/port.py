@@ -30,6 +30,10 @@ class Port(Protocol):
         """Close it."""
         ...
 
+    def getBytesAvailable(self) -> int:
+        """Return how many bytes were received and not read."""
+        ...
+
     def clearPort(self) -> None:
         """Throw away what was received and not read."""
         ...

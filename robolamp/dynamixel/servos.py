@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.dynamixel.block import FIELDS, LENGTHS, data_address, map_block, offsets
+from robolamp.dynamixel.block import LENGTHS, data_address, map_block, places_in_block
 from robolamp.dynamixel.bus import Bus
 from robolamp.dynamixel.registers import COUNTS_PER_TURN, FULL_PWM, RAD_PER_COUNT, WATCHDOG_UNIT, Model, Name, Register
 from robolamp.dynamixel.status import Status
@@ -74,6 +75,9 @@ class ServoState:
         torque: Torque Enable: 1, 0, or -1 unknown.
         hardware_error: Hardware Error Status bits, or -1 unknown.
         error: ERR byte of its answer, or -1: bit 7 is the hardware alert.
+        asked_again: Whether it answered only when asked a second time.
+        goal_lost: Whether its torque is on and its Goal Position is not what was sent last; only the health block
+            tells.
     """
 
     position: NDArray[np.float64]
@@ -85,12 +89,14 @@ class ServoState:
     torque: NDArray[np.int64]
     hardware_error: NDArray[np.int64]
     error: NDArray[np.int64]
+    asked_again: NDArray[np.bool_]
+    goal_lost: NDArray[np.bool_]
 
     @classmethod
     def unknown(cls, n: int) -> ServoState:
         """Return the state of n servos of which nothing is known."""
-        gaps, flags = np.full((6, n), np.nan), np.full((3, n), -1)
-        return cls(gaps[0], gaps[1], gaps[2], gaps[3], gaps[4], gaps[5], flags[0], flags[1], flags[2])
+        gaps, flags, no = np.full((6, n), np.nan), np.full((3, n), -1), np.zeros((2, n), np.bool_)
+        return cls(*gaps, *flags, *no)
 
 
 @dataclass(frozen=True)
@@ -119,6 +125,8 @@ class Servos:
         self._fields = {servo: _block_fields(model) for servo, model in self._by_id.items()}
         self._silent: set[int] = set()  # ids that did not answer last time
         self._lost: set[int] = set()  # ids whose health block is gone
+        self._again: set[int] = set()  # ids that were asked twice in this reading
+        self._sent: dict[int, int] = {}  # goals that the servos should have [counts], by id
         self._block = 0  # address of the health block
         self._turn = 0  # which of the lengths is next
         self.transport = Transport.DIRECT
@@ -152,6 +160,7 @@ class Servos:
             BusError: The port is gone. A servo that does not answer is a gap, not an error.
         """
         state = ServoState.unknown(len(self._ids))
+        self._again = set()
         # Whoever was silent comes last: in a chain of answers it holds up nobody then.
         ids = sorted(self._ids, key=self._silent.__contains__)
         if self.transport is Transport.DIRECT:
@@ -180,6 +189,9 @@ class Servos:
                 for column, name in columns:
                     if name in found[servo].values:
                         column[index] = found[servo].values[name] * self._by_id[servo][name].scale
+                state.asked_again[index] = servo in self._again
+                goal, sent = found[servo].values.get(Name.GOAL_POSITION), self._sent.get(servo)
+                state.goal_lost[index] = state.torque[index] == 1 and goal != sent and None not in (goal, sent)
         return state
 
     def write_goals(self, angle: NDArray[np.float64]) -> None:
@@ -201,6 +213,7 @@ class Servos:
                     self._bus.name,
                 )
             counts[servo] = count
+        self._sent |= counts
         self._bus.sync_write(self._models[0][Name.GOAL_POSITION], counts)
 
     def value(self, index: int, name: Name) -> float:
@@ -242,6 +255,7 @@ class Servos:
         for servo, model in zip(self._ids, self._models, strict=True):
             present = self._bus.read(servo, model[Name.PRESENT_POSITION])
             self._bus.write(servo, model[Name.GOAL_POSITION], present)
+            self._sent[servo] = present
             self._bus.write(servo, model[Name.TORQUE_ENABLE], 1)
             if self._bus.read(servo, model[Name.TORQUE_ENABLE]) != 1:
                 raise BusError(
@@ -254,10 +268,17 @@ class Servos:
     def torque_off(self) -> tuple[int, ...]:
         """Turn each servo's torque off on its own, then its watchdog; never raises.
 
+        Where one does not confirm it, all on the line are told at once: it may have lost its id.
+
         Returns:
             Indices of the servos that did not confirm it: they may still be on.
         """
-        return tuple(index for index in range(len(self._ids)) if not self._off(index))
+        left = tuple(index for index in range(len(self._ids)) if not self._off(index))
+        if left:
+            with contextlib.suppress(BusError):
+                for _ in range(TORQUE_OFF_ATTEMPTS):
+                    self._bus.write_all(self._models[left[0]][Name.TORQUE_ENABLE], 0)
+        return left
 
     def hardware_errors(self) -> tuple[int, ...]:
         """Return Hardware Error Status(70) of each servo; -1 where it does not answer."""
@@ -299,11 +320,12 @@ class Servos:
 
     def _mapped(self, ids: Sequence[int]) -> dict[int, _Answer]:
         """Read health blocks; those that are missing once more, each servo in its own packet."""
-        found = self._block_read(ids, self.transport is Transport.FAST)
+        fast = self.transport is Transport.FAST
+        found = self._block_read(ids, fast)
         again = [servo for servo in ids if servo not in found and servo not in self._silent]
-        if again:
-            found |= self._block_read(again, False)
-        return found
+        late = self._block_read(again, False)
+        self._again |= set(again[:1] if fast else again) & set(late)  # one that fails takes those behind it along
+        return found | late
 
     def _block_read(self, ids: Sequence[int], fast: bool) -> dict[int, _Answer]:
         if not ids:
@@ -313,7 +335,8 @@ class Servos:
         read = self._bus.fast_sync_read if fast else self._bus.sync_read
         found: dict[int, _Answer] = {}
         for servo, status in read(ids, self._block, length).items():
-            found[servo] = _Answer(status.error, {row.name: _field(status, row, at) for row, at in self._fields[servo]})
+            values = {row.name: _field(status, row, at, size) for row, at, size in self._fields[servo]}
+            found[servo] = _Answer(status.error, values)
         return found
 
     def _direct(self, ids: Sequence[int]) -> dict[int, _Answer]:
@@ -325,13 +348,10 @@ class Servos:
         found: dict[int, _Answer] = {}
         for servo, status in measured.items():
             answer = _Answer(status.error, {})
-            for name in FIELDS[:8]:
-                row = self._by_id[servo].registers.get(name)
-                base, source = (
-                    (STATE[0], status) if row and row.address >= STATE[0] else (CONDITION[0], condition.get(servo))
-                )
-                if row and source:
-                    answer.values[name] = _field(source, row, row.address - base)
+            for row, _, _ in self._fields[servo]:
+                for start, length, source in ((*STATE, status), (*CONDITION, condition.get(servo))):
+                    if source and start <= row.address < start + length:
+                        answer.values[row.name] = _field(source, row, row.address - start, row.size)
             found[servo] = answer
         return found
 
@@ -340,7 +360,9 @@ class Servos:
             return {}
         found = self._bus.sync_read(ids, address, length)
         again = [servo for servo in ids if servo not in found and servo not in self._silent]
-        return found | self._bus.sync_read(again, address, length) if again else found
+        late = self._bus.sync_read(again, address, length) if again else {}
+        self._again |= set(late)
+        return found | late
 
     def _off(self, index: int) -> bool:
         servo, model = self._ids[index], self._models[index]
@@ -354,14 +376,14 @@ class Servos:
         return False
 
 
-def _field(status: Status, register: Register, start: int) -> int:
-    return int.from_bytes(status.data[start : start + register.size], "little", signed=register.signed)
+def _field(status: Status, register: Register, start: int, size: int) -> int:
+    return int.from_bytes(status.data[start : start + size], "little", signed=register.signed)
 
 
-def _block_fields(model: Model) -> list[tuple[Register, int]]:
-    """Return what is read of a health block, each with its first byte; what the model has not got is left out."""
-    places = [(model[name], at) for name, at in offsets(model).items() if name in model.registers]
-    return [(row, at) for row, at in places if at + row.size <= LENGTHS[0]]
+def _block_fields(model: Model) -> list[tuple[Register, int, int]]:
+    """Return what is read of a health block, each with its first byte and size; what the model lacks is left out."""
+    places = [(model[name], *place) for name, place in places_in_block().items() if name in model.registers]
+    return [(row, at, size) for row, at, size in places if at + size <= LENGTHS[0]]
 
 
 def _alike(block: _Answer, direct: _Answer) -> bool:

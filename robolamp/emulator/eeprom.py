@@ -9,10 +9,12 @@ model = "XL330-M288-T"
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
 from robolamp.dynamixel.registers import Model, Name
+from robolamp.errors import FileError
 from robolamp.files import Table, read_toml, write_atomic
 
 
@@ -44,6 +46,24 @@ def load_eeprom(path: Path, model: Model) -> dict[Name, int]:
     root.done()
     own.done()
     return values
+
+
+def open_folder(path: Path) -> Path:
+    """Return a folder that EEPROM can be kept in, made where it is missing.
+
+    Args:
+        path: The folder.
+
+    Raises:
+        FileError: It is no folder, cannot be made, or cannot be written.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            pass
+    except OSError as error:
+        raise FileError(f"cannot keep EEPROM here: {error.strerror or error}", str(path)) from None
+    return path
 
 
 def save_eeprom(path: Path, model: Model, values: Mapping[Name, int]) -> None:

@@ -30,29 +30,46 @@ class Guard:
 
     Args:
         sheet: Its data.
+        table: Its limits; and where Hardware Error Status(70) goes.
 
     Attributes:
         rise: Of its temperature above the air's [K]; a reboot does not cool it.
     """
 
-    def __init__(self, sheet: Datasheet) -> None:
-        self._sheet = sheet
+    def __init__(self, sheet: Datasheet, table: ControlTable) -> None:
+        self._sheet, self._table = sheet, table
         self.rise = 0.0
         self.restart()
 
-    def restart(self) -> None:
-        """Forget how long anything lasted."""
-        self._overloaded = self._off_voltage = 0.0
+    @property
+    def shut_down(self) -> bool:
+        """Whether an error that Shutdown(63) names has come since the servo started."""
+        return bool(self._latched & self._table.get(Name.SHUTDOWN))
 
-    def step(self, seen: Sensed, table: ControlTable, dt: float) -> HardwareError:
-        """Let time pass and return the errors whose conditions hold now.
+    def restart(self) -> None:
+        """Forget errors, and how long anything lasted."""
+        self._overloaded = self._off_voltage = 0.0
+        self._latched = HardwareError(0)
+
+    def fail(self, errors: HardwareError) -> None:
+        """Meet with errors, which stay until it starts again."""
+        self._latched |= errors
+        self._table.put(Name.HARDWARE_ERROR_STATUS, self._table.get(Name.HARDWARE_ERROR_STATUS) | errors)
+
+    def step(self, seen: Sensed, dt: float) -> None:
+        """Let time pass; errors that Shutdown(63) names stay, others go with their condition.
 
         Args:
             seen: What its sensors measure.
-            table: Its limits.
             dt: How long [s].
         """
-        sheet, errors = self._sheet, HardwareError(0)
+        errors = self._conditions(seen, dt)
+        self._latched |= errors & HardwareError(self._table.get(Name.SHUTDOWN))
+        self._table.put(Name.HARDWARE_ERROR_STATUS, self._latched | errors)
+
+    def _conditions(self, seen: Sensed, dt: float) -> HardwareError:
+        """Return the errors whose conditions hold now."""
+        sheet, table, errors = self._sheet, self._table, HardwareError(0)
         current = abs(seen.current / seen.duty) if abs(seen.duty) > _LEAST_DUTY else 0.0
         settled = sheet.resistance * current**2 * sheet.thermal_resistance
         self.rise += (settled - self.rise) * -math.expm1(-dt / sheet.thermal_time)

@@ -65,6 +65,7 @@ class Injector:
             (event for event in faults.events if event.what not in DAMAGES), key=lambda event: event.at
         )
         self._lasting: list[Event] = []
+        self._unplugged = [event for event in faults.events if event.what == "unplugged"]
         self._left = {id(event): event.packets for event in faults.events if event.what in DAMAGES}
 
     def poll(self, time: float) -> None:
@@ -93,9 +94,14 @@ class Injector:
         """Return by how much the supply sags now [V]."""
         return sum(event.volts for event in self._lasting if event.what == "sag")
 
-    def unplugged(self, port: str) -> bool:
-        """Return whether a port, one of `faults.PORTS`, is unplugged now."""
-        return any(event.what == "unplugged" and event.port == port for event in self._lasting)
+    def unplugged(self, port: str, time: float) -> bool:
+        """Return whether a port, one of `faults.PORTS`, is unplugged at a time.
+
+        Args:
+            port: Which.
+            time: The client's [s]: the servos may be ahead of it, at the end of a packet that is still on the line.
+        """
+        return any(event.port == port and event.at <= time < event.at + event.lasts for event in self._unplugged)
 
     def foot(self, what: str) -> bool:
         """Return whether the foot sensor is "silent", "stuck" or sends "rubbish" now."""

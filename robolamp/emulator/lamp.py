@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,20 +12,18 @@ from numpy.typing import NDArray
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration
 from robolamp.dynamixel.registers import BAUD_CODES, MODELS, Name
+from robolamp.emulator.bend import Bender
+from robolamp.emulator.difference import AIR, Reality
 from robolamp.emulator.faults import Faults
 from robolamp.emulator.foot import FootSensor
 from robolamp.emulator.injector import Injector
 from robolamp.emulator.line import GAP, Line, Reply
 from robolamp.emulator.plant import Plant
-from robolamp.emulator.reality import Reality
 from robolamp.emulator.servo import Drive, Sensed, Servo
 from robolamp.emulator.strike import strike
 from robolamp.errors import FileError
 from robolamp.lamp import Lamp
-from robolamp.twin.model import Bend, build
-
-TEMPERATURE = 30.0
-"""Of the air around the servos [degC]."""
+from robolamp.twin.model import build
 
 VELOCITY_WINDOW = 0.05
 """Present Velocity is the mean over this time [s]. Estimate: the e-manual gives none; servos are seen to lag so."""
@@ -32,6 +31,9 @@ VELOCITY_WINDOW = 0.05
 CAPACITOR_TIME = 0.004
 """Time in which the supply's voltage follows the load [s]. Estimate: some 1,000 uF, and tenths of an Ohm in the cables,
 behind motors of a few Ohm."""
+
+WARMING = 0.1
+"""How often the windings' resistance follows their temperature [s]: they take minutes."""
 
 Array = NDArray[np.float64]
 
@@ -47,6 +49,9 @@ class EmulatedLamp:
         gap: Silence inside a packet that ends it [s].
         faults: What goes wrong; None: nothing.
         factory: The servos are new (id 1, 57,600 baud, Return Delay Time 250) and only the first is plugged in.
+        clamped: Whether the base is clamped to the desk.
+        store: Folder that keeps each servo's EEPROM, as ankle.toml for the ankle's; what it holds goes before the
+            lamp's description. None: it is not kept.
 
     Attributes:
         lamp: As given.
@@ -69,25 +74,30 @@ class EmulatedLamp:
         gap: float = GAP,
         faults: Faults | None = None,
         factory: bool = False,
+        clamped: bool = False,
+        store: Path | None = None,
     ) -> None:
         if lamp.bus_baud not in BAUD_CODES:
             legal = ", ".join(map(str, BAUD_CODES))
             raise FileError(f"bus.baud: {lamp.bus_baud} is not one of {legal}", str(lamp.path))
-        bend = Bend(
-            strength=reality.strength, friction=reality.friction, mass=reality.mass, floor=reality.floor_friction
-        )
-        twin = build(lamp, calibration, assets, bend, torque=False)
+        bender = Bender(lamp, reality)
+        twin = build(lamp, calibration, assets, bender.bend, torque=False, clamped=clamped, reshape=bender.reshape)
         self.lamp = lamp
-        self.plant = Plant(twin)
+        self.plant = Plant(bender.finish(twin))
         self._random = np.random.default_rng(reality.seed)
-        self._encoder_noise = reality.encoder_noise
+        self._reality = reality
         self._watchers: list[Callable[[EmulatedLamp], None]] = []
         self._frames: deque[tuple[float, bytes]] = deque()
         self._seen: deque[Array] = deque(maxlen=round(VELOCITY_WINDOW / self.plant.timestep) + 1)
         self._read_encoders()
         eeprom = {Name.BAUD_RATE: BAUD_CODES[lamp.bus_baud], Name.RETURN_DELAY_TIME: 0}
         self.servos = tuple(
-            Servo(MODELS[joint.servo], {} if factory else {**eeprom, Name.ID: joint.id}, self._senses(index))
+            Servo(
+                MODELS[joint.servo],
+                {} if factory else {**eeprom, Name.ID: joint.id},
+                self._senses(index),
+                store=store / f"{joint.name}.toml" if store else None,
+            )
             for index, joint in enumerate(lamp.joints)
         )
         self._drives: list[Drive | None] = [None] * len(self.servos)
@@ -105,6 +115,8 @@ class EmulatedLamp:
             self.line.unplugged = set(range(1, len(self.servos)))
         self._supply = (reality.resistance, reality.drain)
         self._drop = 0.0  # over the supply's resistance [V]
+        self._warmed = 0.0  # when the windings' resistance was last brought up to date [s]
+        self._forces: deque[float] = deque(maxlen=round(reality.foot_dead_time / self.plant.timestep) + 1)
         self._foot = FootSensor(twin.foot_gain * reality.foot_gain, lambda: self._foot_error(reality))
 
     @property
@@ -155,6 +167,10 @@ class EmulatedLamp:
         plant = self.plant
         self.injector.poll(plant.time)
         plant.sag(self.injector.sag() + self._sag())
+        if self._reality.resistance_per_kelvin and plant.time >= self._warmed:
+            self._warmed = plant.time + WARMING
+            above = np.array([servo.heat for servo in self.servos]) + self._reality.temperature - AIR
+            plant.warm(1.0 + self._reality.resistance_per_kelvin * above)
         for index, servo in enumerate(self.servos):
             servo.poll(plant.time)
             drive = servo.drive()
@@ -168,6 +184,7 @@ class EmulatedLamp:
                     p_gain=drive.p_gain,
                     duty_limit=drive.duty_limit,
                     duty=None if drive.duty is None else joint.sign * drive.duty,
+                    late=(servo.written - plant.time) / plant.timestep,
                 )
         plant.step()
         self._read_encoders()
@@ -190,14 +207,17 @@ class EmulatedLamp:
     def _sample_foot(self) -> None:
         injector = self.injector
         self._foot.stuck = injector.foot("stuck")
-        for moment, frame in self._foot.sample(self.plant.force, self.plant.time):
+        self._forces.append(self.plant.force)
+        for moment, frame in self._foot.sample(self._forces[0], self.plant.time):
             if not injector.foot("silent"):
                 for delay, data in injector.packet("foot", frame, moment):
                     sent = injector.noise(len(data)) if injector.foot("rubbish") else data
                     self._frames.append((moment + delay, sent))
 
     def _read_encoders(self) -> None:
-        self._seen.append(self.plant.angle + self._random.normal(size=len(self.lamp.joints)) * self._encoder_noise)
+        self._seen.append(
+            self.plant.reading + self._random.normal(size=len(self.lamp.joints)) * self._reality.encoder_noise
+        )
 
     def _senses(self, index: int) -> Callable[[float], Sensed]:
         joint, plant = self.lamp.joints[index], self.plant
@@ -214,7 +234,7 @@ class EmulatedLamp:
                 current=joint.sign * abs(duty) * float(plant.phase_current[index]),
                 duty=joint.sign * duty,
                 voltage=plant.voltage,
-                temperature=TEMPERATURE,
+                temperature=self._reality.temperature,
             )
 
         return sense

@@ -71,7 +71,7 @@ class LockstepPort:
 
     def openPort(self) -> bool:
         """Open it; False while it is unplugged."""
-        self.is_open = not self._world.injector.unplugged("servo")
+        self.is_open = not self._world.injector.unplugged("servo", self._clock.now())
         self._arriving.clear()
         return self.is_open
 
@@ -165,7 +165,7 @@ class LockstepPort:
         return (self._clock.now() - self._since) * 1000.0
 
     def _check(self) -> None:
-        if self._world.injector.unplugged("servo"):
+        if self._world.injector.unplugged("servo", self._clock.now()):
             self.is_open = False
             raise OSError(errno.EIO, os.strerror(errno.EIO))
 
@@ -189,7 +189,7 @@ class LockstepFoot:
         Raises:
             OSError: The port is unplugged.
         """
-        if self._world.injector.unplugged("foot"):
+        if self._world.injector.unplugged("foot", self._clock.now()):
             raise OSError(errno.EIO, os.strerror(errno.EIO))
         self._buffer += self._world.frames(self._clock.now())
         data = bytes(self._buffer[:size])

@@ -1,7 +1,8 @@
 """How a servo moves: operating mode, profile and control loops, from its registers to its motor.
 
-Modes as on the e-manual's "Operating Mode(11)". Plain position control (no D and I gain) may be left to the plant,
-whose actuator is that; everything else is regulated here, once each control step, to a duty.
+Modes as on the e-manual's "Operating Mode(11)". Plain position control (no D, I and feedforward gain, PWM Slope as
+delivered) may be left to the plant, whose actuator is that; everything else is regulated here, once each control step,
+to a duty.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from robolamp.dynamixel.registers import (
     Name,
     OperatingMode,
 )
+from robolamp.emulator.control import Control, Course
 from robolamp.emulator.drive import Drive, Sensed
 from robolamp.emulator.motor import Datasheet
 from robolamp.emulator.profile import Profile
-from robolamp.emulator.regulator import Gains, Loop, duty_for_current
 from robolamp.emulator.table import ControlTable
 
 IN_POSITION = 20
@@ -59,6 +60,8 @@ _GAINS = (
     Name.POSITION_D_GAIN,
     Name.POSITION_I_GAIN,
     Name.POSITION_P_GAIN,
+    Name.FEEDFORWARD_2ND_GAIN,
+    Name.FEEDFORWARD_1ST_GAIN,
 )
 
 
@@ -77,8 +80,9 @@ class Motion:
     """
 
     def __init__(self, table: ControlTable, sheet: Datasheet, own_loop: bool, seen: Sensed) -> None:
-        self._table, self._sheet, self._own_loop = table, sheet, own_loop
-        self._profile, self._loop = Profile(), Loop()
+        self._table, self._own_loop = table, own_loop
+        self._profile, self._control = Profile(), Control(table, sheet)
+        self._regulating = True  # here, not by the plant; `update` knows
         self.drive = Drive(False, 0.0, 0, 0.0)
         self.power_on(seen)
 
@@ -95,7 +99,7 @@ class Motion:
     @property
     def watching(self) -> bool:
         """Whether `step` must be told what the sensors measure: it counts turns, regulates, or follows a profile."""
-        return self.mode is not OperatingMode.POSITION or self._regulating or self._profile.ongoing
+        return self._regulating or self._profile.ongoing or self.mode is not OperatingMode.POSITION
 
     def power_on(self, seen: Sensed) -> None:
         """Set goals as at power-on: the limits, the present position; in the mode's own, nothing that moves it."""
@@ -126,6 +130,11 @@ class Motion:
         self._stopped: float | None = None  # shaft angle where the Bus Watchdog stopped it [rad]
         self._rest()
         self.update()
+
+    def clear(self, seen: Sensed) -> None:
+        """Take the present position back into the first turn (e-manual "Clear")."""
+        self.find(seen)
+        self.hold_here()  # or it would set out for a goal that now is turns away
 
     def torque_on(self, seen: Sensed) -> None:
         """Begin to drive the motor: forget old trajectories, go for the goal."""
@@ -165,8 +174,10 @@ class Motion:
         dt = min(dt, _LONGEST_STEP)
         if not self._table.get(Name.TORQUE_ENABLE):
             return
+        before = self._profile.velocity
         self._profile.step(dt)
-        self.update(self._sense_duty(seen, dt) if self._regulating and dt > 0 else None)
+        self._acceleration = (self._profile.velocity - before) / dt if dt > 0 else 0.0
+        self.update(self._duty(seen, dt) if self._regulating and dt > 0 else None)
 
     def update(self, duty: float | None = None) -> None:
         """Bring `drive` up to date.
@@ -176,13 +187,15 @@ class Motion:
         """
         table = self._table
         torque = bool(table.get(Name.TORQUE_ENABLE))
+        plain = self.mode in (OperatingMode.POSITION, OperatingMode.EXTENDED_POSITION)
+        self._regulating = self._own_loop or not plain or self._control.beyond_plain
         if self._regulating and duty is None:
             duty = (self.drive.duty or 0.0) if torque and self.drive.torque else 0.0
         drive = Drive(
             torque=torque,
             goal=self._shaft_goal() if self._stopped is None else self._stopped,
             p_gain=table.get(Name.POSITION_P_GAIN),
-            duty_limit=self._limit(),
+            duty_limit=self._control.limit(self.mode),
             duty=duty if self._regulating else None,
         )
         if drive != self.drive:
@@ -207,12 +220,6 @@ class Motion:
         table.put(Name.PRESENT_POSITION, position)
         table.put(Name.VELOCITY_TRAJECTORY, round(self._trajectory_speed() / VELOCITY_UNIT))
         table.put(Name.POSITION_TRAJECTORY, trajectory)
-
-    @property
-    def _regulating(self) -> bool:
-        if self._own_loop or self.mode not in (OperatingMode.POSITION, OperatingMode.EXTENDED_POSITION):
-            return True
-        return bool(self._table.get(Name.POSITION_I_GAIN) or self._table.get(Name.POSITION_D_GAIN))
 
     def _sense(self, angle: float) -> float:
         """Return a shaft angle in the servo's sense of rotation."""
@@ -242,15 +249,10 @@ class Motion:
             return _TURN - target if self._reversed else target
         return self._shaft + self._sense(target - self.position)
 
-    def _limit(self) -> float:
-        limit = self._table.get(Name.PWM_LIMIT)
-        if self.mode is not OperatingMode.PWM:
-            limit = min(limit, abs(self._table.get(Name.GOAL_PWM)))
-        return limit / FULL_PWM
-
     def _rest(self) -> None:
         self._profile.rest(self.position if self.mode in _POSITION_MODES else 0.0)
-        self._loop.reset()
+        self._acceleration = 0.0
+        self._control.reset()
 
     def _aim(self) -> None:
         """Set out for the goal, as fast as the profile registers allow."""
@@ -287,46 +289,19 @@ class Motion:
             return self._profile.position
         return self._profile.velocity if self.mode in _POSITION_MODES else 0.0
 
-    def _sense_duty(self, seen: Sensed, dt: float) -> float:
+    def _duty(self, seen: Sensed, dt: float) -> float:
         """Return the duty that the loops ask for, in the shaft's sense."""
-        limit = self._limit()
-        return self._sense(max(-limit, min(limit, self._asked(seen, limit, dt))))
-
-    def _asked(self, seen: Sensed, limit: float, dt: float) -> float:
-        table, mode = self._table, self.mode
-        if mode is OperatingMode.VELOCITY:
-            gains = Gains.velocity(table.get(Name.VELOCITY_P_GAIN), table.get(Name.VELOCITY_I_GAIN))
-            return self._loop.velocity(self._profile.position - self._speed, gains, limit, dt)
-        if mode is OperatingMode.PWM:
-            return 0.0 if self._stopped is not None else table.get(Name.GOAL_PWM) / FULL_PWM
-        if mode is OperatingMode.CURRENT:
-            if self._stopped is not None:
-                return 0.0
-            return self._duty_at(self._current(table.get(Name.GOAL_CURRENT)), seen)
-        gains = Gains.position(
-            p=table.get(Name.POSITION_P_GAIN),
-            i=table.get(Name.POSITION_I_GAIN),
-            d=table.get(Name.POSITION_D_GAIN),
-            divisor=self._sheet.p_divisor,
-        )
-        if mode is not OperatingMode.CURRENT_BASED_POSITION:
-            return self._to_position(gains, limit, dt)
-        most = abs(self._current(table.get(Name.GOAL_CURRENT)))
-        if most == 0.0:
-            return self._duty_at(0.0, seen)
-        duty = self._to_position(gains, limit, dt)
-        return max(self._duty_at(-most, seen), min(self._duty_at(most, seen), duty))
-
-    def _to_position(self, gains: Gains, limit: float, dt: float) -> float:
         profile = self._profile
-        return self._loop.position(profile.position - self.position, profile.velocity - self._speed, gains, limit, dt)
-
-    def _current(self, goal: int) -> float:
-        most = self._table.get(Name.CURRENT_LIMIT)
-        return max(-most, min(most, goal)) * CURRENT_UNIT
-
-    def _duty_at(self, current: float, seen: Sensed) -> float:
-        return duty_for_current(current, self._speed, seen.voltage, self._sheet.torque_constant, self._sheet.resistance)
+        course = Course(
+            position=self.position,
+            speed=self._speed,
+            wanted=profile.position,
+            velocity=profile.velocity,
+            acceleration=self._acceleration,
+            stopped=self._stopped is not None,
+        )
+        before = self._sense(seen.duty if self.drive.duty is None else self.drive.duty)
+        return self._sense(self._control.duty(self.mode, course, seen, before, dt))
 
     def _status(self, to_goal: int, to_trajectory: int, ongoing: bool) -> int:
         """Return Moving Status(123)."""

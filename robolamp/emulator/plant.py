@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from robolamp.emulator.bend import Bent
+from robolamp.emulator.delay import DelayLine
 from robolamp.errors import RobolampError
 from robolamp.twin.judge import FALLEN_HEAD, FALLEN_TILT
-from robolamp.twin.model import TwinModel
-from robolamp.twin.servo import friction_loss, write_motors
+from robolamp.twin.servo import friction_loss, weaken, write_motors
 
 Array = NDArray[np.float64]
 
@@ -50,15 +51,27 @@ class Plant:
     It starts standing in the neutral pose, each joint held as if by hand until its motor is first driven.
 
     Args:
-        twin: The compiled lamp; this plant alone may use it, for it writes into its model.
+        bent: The compiled lamp; this plant alone may use it, for it writes into its model.
 
     Attributes:
         timestep: Physics step [s].
     """
 
-    def __init__(self, twin: TwinModel) -> None:
+    def __init__(self, bent: Bent) -> None:
+        twin = bent.twin
         self._twin = twin
+        self._servos = twin.servos
+        self._weakens = twin.servos.weakens
         self._model = twin.model
+        mujoco.mj_setConst(self._model, mujoco.MjData(self._model))  # masses may have been changed
+        self._motor_qpos, self._motor_dof = bent.motor_qpos, bent.motor_dof
+        self._slack, self._springs, self._damping = bent.slack, bent.springs, bent.damping
+        self._springy = np.isfinite(bent.slack)
+        self._parted = bent.motor_dof != twin.dof  # joints whose motors turn rotors of their own
+        self._encoders = bent.encoders
+        self._delays: list[DelayLine] | None = None
+        if bent.own_delay:
+            self._delays = [DelayLine(float(delay), twin.timestep) for delay in twin.servos.delay]
         self._data = mujoco.MjData(twin.model)
         self.timestep = twin.timestep
         n = len(twin.qpos)
@@ -70,11 +83,14 @@ class Plant:
         self._speed = np.zeros(n)  # when the motors' torques were formed: before the last step
         self._steps = 0
         self._sag = 0.0
-        self._friction = twin.servos.friction()[None]
+        self._goal = np.zeros(n)
+        self._arriving: dict[int, float] = {}  # goals that come within the next step, by joint
+        self._friction, self._weakness = twin.servos.friction()[None], twin.servos.weakness()[None]
+        self._gains = self._model.actuator_gainprm[None]
         data = self._data
+        self._load = data.qfrc_bias.copy() if self._parted.any() else data.qfrc_bias
         self._lanes = tuple(
-            array.reshape(1, -1)
-            for array in (data.qfrc_actuator, data.qfrc_bias, data.qvel, self._model.dof_frictionloss)
+            array.reshape(1, -1) for array in (data.qfrc_actuator, self._load, data.qvel, self._model.dof_frictionloss)
         )
         mujoco.mj_resetDataKeyframe(self._model, data, 0)
         self._write_motors()
@@ -89,9 +105,23 @@ class Plant:
         return self._steps * self.timestep
 
     @property
+    def mass(self) -> float:
+        """Of the whole lamp, as a scale would show it [kg]."""
+        return float(self._model.body_subtreemass[self._model.body("base").id])
+
+    @property
     def angle(self) -> Array:
-        """Joint angles, shape (n,) [rad]."""
-        return self._data.qpos[self._twin.qpos]
+        """Joint angles at the servos' horns, shape (n,) [rad]."""
+        angle = self._data.qpos[self._twin.qpos]
+        if not self._springy.any():
+            return angle
+        rotor = self._data.qpos[self._motor_qpos]
+        return np.clip(angle, rotor - self._slack, rotor + self._slack)
+
+    @property
+    def reading(self) -> Array:
+        """What the encoders read of them, without noise, shape (n,) [rad]."""
+        return self._encoders.read(self.angle) if self._encoders else self.angle
 
     @property
     def velocity(self) -> Array:
@@ -106,13 +136,14 @@ class Plant:
     @property
     def phase_current(self) -> Array:
         """Winding currents, shape (n,) [A]."""
-        return self.torque / self._twin.servos.torque_constant
+        return self.torque / self._servos.torque_constant
 
     @property
     def duty(self) -> Array:
         """Motor voltages by supply voltage, shape (n,); 0 where the winding is open."""
-        servos = self._twin.servos
-        volts = self.phase_current * servos.resistance + servos.torque_constant * self._speed
+        servos = self._servos
+        resistance = self._weakness[0, :, 4] if self._weakens else servos.resistance
+        volts = self.phase_current * resistance + servos.torque_constant * self._speed
         return np.where(self._driven, np.clip(volts / self.voltage, -1.0, 1.0), 0.0)
 
     @property
@@ -131,7 +162,15 @@ class Plant:
         return tuple(bool(held) for held in self._hand)
 
     def drive(
-        self, joint: int, *, torque: bool, goal: float, p_gain: int, duty_limit: float, duty: float | None = None
+        self,
+        joint: int,
+        *,
+        torque: bool,
+        goal: float,
+        p_gain: int,
+        duty_limit: float,
+        duty: float | None = None,
+        late: float = 0.0,
     ) -> None:
         """Set what a servo does to its motor from the next step on.
 
@@ -142,20 +181,36 @@ class Plant:
             p_gain: Position P Gain register.
             duty_limit: Largest duty, 0 to 1.
             duty: Motor voltage by supply voltage, instead of a goal; None: regulate to the goal.
+            late: How far into the next step the goal or duty comes, 0 to 1 of it: that step's is the mean of the one
+                before and this one, weighted by the time that each holds, or else every goal would come early.
         """
         actuator = int(self._twin.actuator[joint])
+        before = self._goal[joint]
         by_duty = duty is not None
         if duty is not None:
             # So far away that the joint's own angle is nothing to it: gain times distance is the voltage.
             goal, p_gain = duty * _FAR, 1
         if torque and (not self._driven[joint] or by_duty != self._by_duty[joint]):
             # The delay line still holds goals from before: a servo that is switched on has forgotten them.
-            mujoco.mj_initCtrlHistory(self._model, self._data, actuator, None, np.full(self._samples(joint), goal))
+            if self._delays:
+                self._delays[joint].reset(goal)
+            else:
+                mujoco.mj_initCtrlHistory(self._model, self._data, actuator, None, np.full(self._samples(joint), goal))
             self._hand[joint] = False
             self._data.qfrc_applied[self._twin.dof[joint]] = 0.0
+            before = goal
         self._driven[joint], self._p_gain[joint], self._duty_limit[joint] = torque, p_gain, duty_limit
         self._by_duty[joint] = by_duty
-        self._data.ctrl[actuator] = goal
+        mixed = goal + min(max(late, 0.0), 1.0) * (before - goal)
+        self._goal[joint] = self._data.ctrl[actuator] = mixed
+        if mixed != goal:
+            self._arriving[joint] = goal
+        self._write_motors()
+
+    def warm(self, factor: Array) -> None:
+        """Let the windings' resistance be their calibrated one times a factor, shape (n,), from the next step on."""
+        self._servos = replace(self._servos, resistance=self._twin.servos.resistance * factor)
+        self._weakness[0, :, 1] = self._servos.resistance
         self._write_motors()
 
     def sag(self, volts: float) -> None:
@@ -176,12 +231,23 @@ class Plant:
             RobolampError: The physics diverged.
         """
         data, dofs = self._data, self._twin.dof
-        friction_loss(self._friction, dofs, *self._lanes)
+        if self._parted.any():
+            self._load[self._motor_dof] = data.qfrc_bias[dofs]  # gears feel the output's load
+            self._model.dof_frictionloss[dofs] = 0.0
+        if self._springs.size:
+            gap = np.abs(data.qpos[self._motor_qpos] - data.qpos[self._twin.qpos])
+            self._model.tendon_damping[self._springs] = self._damping * (gap > self._slack)[self._springy]
+        if self._weakens:
+            motor, velocity = self._lanes[0], self._lanes[2]
+            weaken(self._weakness, self._motor_dof, self._twin.actuator, motor, velocity, self._gains)
+        friction_loss(self._friction, self._motor_dof, *self._lanes)
         if self._hand.any():
             held = dofs[self._hand]
             self._model.dof_frictionloss[held] = _HAND
             data.qfrc_applied[held] = data.qfrc_bias[held]  # it carries the weight too: friction alone creeps
-        self._speed = data.qvel[dofs]
+        if self._delays:
+            self._regulate(self._delays)
+        self._speed = data.qvel[self._motor_dof]
         before = data.time
         mujoco.mj_step(self._model, data)
         if data.time <= before:  # MuJoCo resets what diverges, and only its clock tells
@@ -189,6 +255,9 @@ class Plant:
                 "the physics diverged; check masses, sizes and servo parameters", str(self._twin.lamp.path)
             )
         self._steps += 1
+        for joint, goal in self._arriving.items():
+            self._goal[joint] = data.ctrl[self._twin.actuator[joint]] = goal
+        self._arriving.clear()
 
     def truth(self) -> Truth:
         """Return what really happens now."""
@@ -209,11 +278,16 @@ class Plant:
             fallen=abs(lean) > FALLEN_TILT or head < FALLEN_HEAD,
         )
 
+    def _regulate(self, delays: list[DelayLine]) -> None:
+        """Let the motors act on what the encoders read, though the model's actuators see the rotors."""
+        goal = np.array([delay.push(goal) for delay, goal in zip(delays, self._goal.tolist(), strict=True)])
+        self._data.ctrl[self._twin.actuator] = goal + self._data.qpos[self._motor_qpos] - self.reading
+
     def _write_motors(self) -> None:
         actuators, voltage = self._twin.actuator, self.voltage
         rows = self._model.actuator_gainprm[actuators]
-        write_motors(rows, self._twin.servos, self._p_gain, np.full(len(rows), voltage), self._driven)
-        k, r = self._twin.servos.torque_constant, self._twin.servos.resistance
+        write_motors(rows, self._servos, self._p_gain, np.full(len(rows), voltage), self._driven)
+        k, r = self._servos.torque_constant, self._servos.resistance
         rows[self._by_duty, _GAIN] = (k / r * voltage / _FAR)[self._by_duty]
         rows[:, _LARGEST_VOLTAGE] = voltage * self._duty_limit
         self._model.actuator_gainprm[actuators] = rows

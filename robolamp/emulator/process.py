@@ -112,7 +112,7 @@ class Process:
         if ready:
             self._hear(now)
         world.advance_to(now)
-        self._plug()
+        self._plug(now)
         while self._due and self._due[0][0] <= now:
             self._bus.write(heappop(self._due)[2])
         frames = world.frames(now)
@@ -121,11 +121,11 @@ class Process:
                 self._foot.forget()
             self._foot.write(frames)
 
-    def _plug(self) -> None:
-        """Unplug the ports that a fault script unplugs, and plug them in again."""
+    def _plug(self, now: float) -> None:
+        """Unplug the ports that a fault script unplugs by now [s], and plug them in again."""
         for port, name in ((self._bus, "servo"), (self._foot, "foot")):
             if port is not None:
-                if self._world.injector.unplugged(name):
+                if self._world.injector.unplugged(name, now):
                     port.unplug()
                 else:
                     port.plug()

@@ -1,8 +1,9 @@
 """The firmware's control loops: from an error to a duty, once each control step.
 
-Block diagrams and divisors: e-manual "Position PID Gain(80, 82, 84)", "Velocity PI Gain(76, 78)". It does not print the
-sampling: I gains are taken per millisecond and D gains per change in a millisecond, an estimate that gives the factory
-gains sensible times (XL430: Td 50 ms; XL330-M077: Ti 0.5 s).
+Block diagrams and divisors: e-manual "Position PID Gain(80, 82, 84)", "Feedforward 1st/2nd Gains(88, 90)" and
+"Velocity PI Gain(76, 78)". It does not print the sampling: I gains are taken per millisecond, D and feedforward gains
+per change in a millisecond. That is an estimate; it gives the factory gains sensible times (XL430: Td 50 ms;
+XL330-M077: Ti 0.5 s) and lets the feedforward gains' range reach what back-EMF and inertia ask for.
 """
 
 from __future__ import annotations
@@ -23,16 +24,29 @@ class Gains:
         p: Per count of position, or per unit of velocity.
         i: The same, added each millisecond.
         d: Per change of the error in a millisecond.
+        first: Per change of the desired position in a millisecond.
+        second: Per change of that in a millisecond.
     """
 
     p: float
     i: float = 0.0
     d: float = 0.0
+    first: float = 0.0
+    second: float = 0.0
 
     @classmethod
-    def position(cls, p: int, i: int, d: int, divisor: float) -> Gains:
-        """Return the gains of Position P, I and D Gain registers; `divisor` is that of the P gain."""
-        return cls(p / divisor, i / 65_536, d / 16)
+    def position(cls, p: int, i: int, d: int, divisor: float, first: int = 0, second: int = 0) -> Gains:
+        """Return the gains of the registers of position control.
+
+        Args:
+            p: Position P Gain(84).
+            i: Position I Gain(82).
+            d: Position D Gain(80).
+            divisor: Of the P gain.
+            first: Feedforward 1st Gain(90): velocity.
+            second: Feedforward 2nd Gain(88): acceleration.
+        """
+        return cls(p / divisor, i / 65_536, d / 16, first / 4, second / 4)
 
     @classmethod
     def velocity(cls, p: int, i: int) -> Gains:
@@ -50,7 +64,15 @@ class Loop:
         """Forget the integral."""
         self._integral = 0.0
 
-    def position(self, error: float, rate: float, gains: Gains, limit: float, dt: float) -> float:
+    def position(
+        self,
+        error: float,
+        rate: float,
+        gains: Gains,
+        limit: float,
+        dt: float,
+        desired: tuple[float, float] = (0.0, 0.0),
+    ) -> float:
         """Return the duty for a position error.
 
         Args:
@@ -59,16 +81,19 @@ class Loop:
             gains: The gains.
             limit: Largest duty.
             dt: Control step [s].
+            desired: Velocity [rad/s] and acceleration [rad/s^2] of the trajectory.
         """
-        return self._duty(error / RAD_PER_COUNT, rate / RAD_PER_COUNT, gains, limit, dt)
+        velocity, acceleration = desired
+        ahead = gains.first * velocity * _SAMPLE + gains.second * acceleration * _SAMPLE**2
+        return self._duty(error / RAD_PER_COUNT, rate / RAD_PER_COUNT, gains, limit, dt, ahead / RAD_PER_COUNT)
 
     def velocity(self, error: float, gains: Gains, limit: float, dt: float) -> float:
         """Return the duty for a velocity error [rad/s]; the rest as for `position`."""
         return self._duty(error / VELOCITY_UNIT, 0.0, gains, limit, dt)
 
-    def _duty(self, error: float, rate: float, gains: Gains, limit: float, dt: float) -> float:
+    def _duty(self, error: float, rate: float, gains: Gains, limit: float, dt: float, ahead: float = 0.0) -> float:
         added = gains.i * error * dt / _SAMPLE
-        pwm = gains.p * error + gains.d * rate * _SAMPLE + self._integral + added
+        pwm = gains.p * error + gains.d * rate * _SAMPLE + self._integral + added + ahead
         most = limit * FULL_PWM
         if abs(pwm) <= most or pwm * error < 0:
             self._integral += added

@@ -19,8 +19,9 @@ from robolamp.dynamixel.registers import (
     Name,
 )
 from robolamp.emulator.drive import Drive, Sensed
-from robolamp.emulator.eeprom import load_eeprom, save_eeprom
+from robolamp.emulator.eeprom import load_eeprom
 from robolamp.emulator.guard import Guard
+from robolamp.emulator.memory import Memory
 from robolamp.emulator.motion import TORQUE_BY_GOAL, Motion
 from robolamp.emulator.motor import DATASHEETS
 from robolamp.emulator.packet import ALERT, Error, Instruction
@@ -36,11 +37,6 @@ _TICKS = 32_768  # Realtime Tick(120) counts 0 to 32,767 ms
 _PRESENT_FROM, _PRESENT_TO = 120, 148  # Realtime Tick to Backup Ready, refreshed when a client reads them
 _GUARD_STEP = 0.01  # how often heat and errors are looked at [s]
 _CLEAR_TURNS = b"\x01\x44\x58\x4c\x22"  # e-manual "Clear": option 1 and its fixed values
-_RESETS: Mapping[int, tuple[Name, ...]] = {  # e-manual "Factory Reset": what each option keeps
-    0xFF: (),
-    0x01: (Name.ID,),
-    0x02: (Name.ID, Name.BAUD_RATE),
-}
 _STARTUP_TORQUE = 0x01  # bit of Startup Configuration(60)
 
 
@@ -53,6 +49,10 @@ class Servo:
         sense: Returns what its sensors measure at a time [s].
         own_loop: Regulate plain position control too, for a plant that is only a motor.
         store: File that keeps its EEPROM; what it holds goes before `eeprom`. None: EEPROM ends with the process.
+
+    Attributes:
+        model: As given.
+        written: When registers were last written [s].
 
     Raises:
         FileError: The file cannot be read, or is not this model's.
@@ -68,12 +68,14 @@ class Servo:
         store: Path | None = None,
     ) -> None:
         self.model = model
-        self._sense, self._store = sense, store
+        self._sense = sense
         kept = load_eeprom(store, model) if store else {}
         self._table = ControlTable(model, {Name.FIRMWARE_VERSION: FIRMWARE, **eeprom, **kept})
-        self._guard = Guard(DATASHEETS[model.name])
+        self._memory = Memory(self._table, model, store)
+        self._guard = Guard(DATASHEETS[model.name], self._table)
         self._booted = -math.inf
         self._fed = self._polled = self._guarded = 0.0
+        self.written = -math.inf
         self._table.power_on()
         self._motion = Motion(self._table, DATASHEETS[model.name], own_loop, sense(0.0))
         self._power_on(0.0)
@@ -168,10 +170,8 @@ class Servo:
         Args:
             errors: Bits of Hardware Error Status(70).
         """
-        self._latched |= errors
-        self._table.put(Name.HARDWARE_ERROR_STATUS, self._table.get(Name.HARDWARE_ERROR_STATUS) | errors)
-        if self._shut_down and self._table.get(Name.TORQUE_ENABLE):
-            self.put(Name.TORQUE_ENABLE, 0)
+        self._guard.fail(errors)
+        self._halt()
 
     def read(self, address: int, size: int, time: float) -> bytes:
         """Return a stretch of the control table, measurements refreshed.
@@ -200,11 +200,12 @@ class Servo:
             Refused: See `ControlTable.write`; RESULT: torque on after a shutdown.
         """
         before = {name: self._table.get(name) for name in (Name.OPERATING_MODE, Name.TORQUE_ENABLE)}
-        if self._shut_down and self._table.check(address, data).get(Name.TORQUE_ENABLE) == 1:
+        if self._guard.shut_down and self._table.check(address, data).get(Name.TORQUE_ENABLE) == 1:
             raise Refused(Error.RESULT)
         changes = self._table.write(address, data)
+        self.written = time
         by_goal = self._motion.goal_register in changes and self._table.get(Name.DRIVE_MODE) & TORQUE_BY_GOAL
-        if by_goal and not self._shut_down:
+        if by_goal and not self._guard.shut_down:
             self._table.put(Name.TORQUE_ENABLE, 1)
         if changes.get(Name.OPERATING_MODE, before[Name.OPERATING_MODE]) != before[Name.OPERATING_MODE]:
             self._motion.change_mode(self._sense(time))
@@ -214,8 +215,8 @@ class Servo:
             self._fed = time
             self._motion.torque_on(self._sense(time))
         self._motion.obey(changes)
-        if self._store and any(self.model[name].eeprom for name in changes):
-            save_eeprom(self._store, self.model, self._table.eeprom())
+        if any(self.model[name].eeprom for name in changes):
+            self._memory.keep()
 
     def answer(
         self, instruction: int, parameters: bytes, time: float, *, broadcast: bool = False
@@ -257,9 +258,13 @@ class Servo:
                 case Instruction.REBOOT:
                     self.reboot(time)
                 case Instruction.FACTORY_RESET:
-                    self._factory_reset(parameters, time, broadcast)
+                    if self._memory.factory_reset(parameters, broadcast=broadcast):
+                        self.reboot(time)
                 case Instruction.CLEAR:
                     self._clear(parameters, time)
+                case Instruction.BACKUP:
+                    if self._memory.back_up(parameters):
+                        self.reboot(time)
                 case _:
                     raise Refused(Error.INSTRUCTION)
         except Refused as refusal:
@@ -270,16 +275,10 @@ class Servo:
         """Return an ERR byte: the error, and the alert bit while Hardware Error Status(70) is not 0."""
         return error | (ALERT if self._table.get(Name.HARDWARE_ERROR_STATUS) else 0)
 
-    @property
-    def _shut_down(self) -> bool:
-        return bool(self._latched & self._table.get(Name.SHUTDOWN))
-
     def _power_on(self, time: float) -> None:
         """Give RAM its values at power-on."""
-        self._table.power_on()
-        self._table.put(Name.BACKUP_READY, 1)
+        self._memory.power_on()
         self._started = time
-        self._latched = HardwareError(0)
         self._registered: tuple[int, bytes] | None = None
         self._guard.restart()
         seen = self._sense(time)
@@ -290,12 +289,13 @@ class Servo:
 
     def _watch(self, time: float) -> None:
         """Let it heat up, and shut it down where it must be."""
-        errors = self._guard.step(self._sense(time), self._table, time - self._guarded)
+        self._guard.step(self._sense(time), time - self._guarded)
         self._guarded = time
-        lasting = errors & HardwareError(self._table.get(Name.SHUTDOWN))
-        if lasting & ~self._latched:
-            self.fail(lasting)
-        self._table.put(Name.HARDWARE_ERROR_STATUS, self._latched | errors)
+        self._halt()
+
+    def _halt(self) -> None:
+        if self._guard.shut_down and self._table.get(Name.TORQUE_ENABLE):
+            self.put(Name.TORQUE_ENABLE, 0)
 
     def _act(self, time: float) -> None:
         if self._registered is None:
@@ -305,28 +305,13 @@ class Servo:
         self._table.put(Name.REGISTERED_INSTRUCTION, 0)
         self.write(address, data, time)
 
-    def _factory_reset(self, parameters: bytes, time: float, broadcast: bool) -> None:
-        if len(parameters) != 1:
-            raise Refused(Error.LENGTH)
-        option = parameters[0]
-        if option not in _RESETS:
-            raise Refused(Error.RANGE)
-        if broadcast and option == 0xFF:
-            return  # e-manual "Factory Reset": not for all at once, they would all have the same id
-        self._table.factory_reset(keep=_RESETS[option])
-        if self._store:
-            save_eeprom(self._store, self.model, self._table.eeprom())
-        self.reboot(time)
-
     def _clear(self, parameters: bytes, time: float) -> None:
-        """Take the present position back into the first turn (e-manual "Clear")."""
         if len(parameters) != len(_CLEAR_TURNS):
             raise Refused(Error.LENGTH)
         self._measure(time)
         if parameters != _CLEAR_TURNS or self._table.get(Name.MOVING):
             raise Refused(Error.RESULT)
-        self._motion.find(self._sense(time))
-        self._motion.hold_here()  # or it would set out for a goal that now is turns away
+        self._motion.clear(self._sense(time))
 
     def _measure(self, time: float) -> None:
         """Refresh the registers of what is measured."""

@@ -77,6 +77,20 @@ class ControlTable:
             if register.eeprom and register.writable
         }
 
+    def indirect(self) -> tuple[int, ...]:
+        """Return every Indirect Address, in order."""
+        return tuple(
+            int.from_bytes(self._memory[block.address + 2 * index : block.address + 2 * index + 2], "little")
+            for block in self._model.indirect
+            for index in range(block.count)
+        )
+
+    def point(self, addresses: Iterable[int]) -> None:
+        """Set every Indirect Address, in order."""
+        places = [block.address + 2 * index for block in self._model.indirect for index in range(block.count)]
+        for place, address in zip(places, addresses, strict=True):
+            self._poke(place, address.to_bytes(2, "little"))
+
     def factory_reset(self, *, keep: Iterable[Name] = ()) -> None:
         """Give EEPROM its factory values.
 

@@ -5,8 +5,11 @@ From the e-manual's protocol 2.0 page (https://emanual.robotis.com/docs/en/dxl/p
 
 from __future__ import annotations
 
+import contextlib
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
+from robolamp.emulator.collision import collide
 from robolamp.emulator.packet import BROADCAST, Error, Instruction, Packet, fast_status, status
 from robolamp.emulator.servo import Servo
 from robolamp.emulator.table import Refused
@@ -30,31 +33,47 @@ def answers(packet: Packet, listeners: Sequence[Servo], time: float, byte: float
     if packet.instruction == Instruction.STATUS:
         return
     if not packet.intact:
-        for servo in listeners:
-            if servo.id == packet.id:
-                yield servo.return_delay, status(servo.id, servo.alert(Error.CRC))
+        refusals = [
+            (servo.return_delay, status(servo.id, servo.alert(Error.CRC)))
+            for servo in listeners
+            if servo.id == packet.id
+        ]
+        yield from collide(refusals, byte)
     elif packet.instruction in _TO_ALL and packet.id == BROADCAST:
-        present = {servo.id: servo for servo in listeners}
+        present = _by_id(listeners)
         if packet.instruction in _READS:
             yield from _in_turn(_asked(packet), present, time, byte)
         elif packet.instruction in _FAST_READS:
-            yield from _together(_asked(packet), present, time)
+            yield from _together(_asked(packet), present, time, byte)
         else:
             _write_each(packet, present, time)
     elif packet.id == BROADCAST:
-        for servo in sorted(listeners, key=lambda servo: servo.id):
-            answer = servo.answer(packet.instruction, packet.parameters, time, broadcast=True)
-            if packet.instruction == Instruction.PING and answer:
-                yield servo.return_delay, status(servo.id, *answer)
+        for id, servos in sorted(_by_id(listeners).items()):
+            spoken: list[tuple[float, bytes]] = []
+            for servo in servos:
+                answer = servo.answer(packet.instruction, packet.parameters, time, broadcast=True)
+                if packet.instruction == Instruction.PING and answer:
+                    spoken.append((servo.return_delay, status(id, *answer)))
+            yield from collide(spoken, byte)
     else:
+        spoken = []
         for servo in listeners:
             id, delay = servo.id, servo.return_delay  # a written id or delay is in force from the next packet
             if id == packet.id:
                 answer = servo.answer(packet.instruction, packet.parameters, time)
                 if answer:
-                    yield delay, status(id, *answer)
+                    spoken.append((delay, status(id, *answer)))
             elif servo.shadow_id == packet.id and packet.instruction in (Instruction.WRITE, Instruction.REG_WRITE):
                 servo.answer(packet.instruction, packet.parameters, time)
+        yield from collide(spoken, byte)
+
+
+def _by_id(servos: Sequence[Servo]) -> dict[int, list[Servo]]:
+    """Return servos by id; several may have the same."""
+    found: dict[int, list[Servo]] = defaultdict(list)
+    for servo in servos:
+        found[servo.id].append(servo)
+    return dict(found)
 
 
 def _asked(packet: Packet) -> list[tuple[int, int, int]]:
@@ -82,34 +101,47 @@ def _read(servo: Servo, address: int, size: int, time: float) -> tuple[bytes, Er
 
 
 def _in_turn(
-    asked: Sequence[tuple[int, int, int]], present: Mapping[int, Servo], time: float, byte: float
+    asked: Sequence[tuple[int, int, int]], present: Mapping[int, Sequence[Servo]], time: float, byte: float
 ) -> Iterator[tuple[float, bytes]]:
     """Each servo answers after the one named before it; the turn of one that is absent passes in silence."""
     for id, address, size in asked:
-        servo = present.get(id)
-        if servo is None:
+        if id not in present:
             yield (_STATUS_SIZE + size) * byte, b""
-        elif servo.level:
-            data, error = _read(servo, address, size, time)
-            yield servo.return_delay, status(id, servo.alert(error), data)
+            continue
+        spoken = []
+        for servo in present[id]:
+            if servo.level:
+                data, error = _read(servo, address, size, time)
+                spoken.append((servo.return_delay, status(id, servo.alert(error), data)))
+        yield from collide(spoken, byte)
 
 
 def _together(
-    asked: Sequence[tuple[int, int, int]], present: Mapping[int, Servo], time: float
+    asked: Sequence[tuple[int, int, int]], present: Mapping[int, Sequence[Servo]], time: float, byte: float
 ) -> Iterator[tuple[float, bytes]]:
-    """One packet for all: each block follows the one before, so that nothing follows a servo that is absent."""
-    blocks = []
-    for id, address, size in asked:
-        servo = present.get(id)
-        if servo is None or not servo.level:
-            break
-        data, error = _read(servo, address, size, time)
-        blocks.append((id, servo.alert(error), data.ljust(size, b"\0")))  # a refused block keeps its length
-    if blocks:
-        yield present[blocks[0][0]].return_delay, fast_status([size for _, _, size in asked], blocks)
+    """One packet for all: each block follows the one before, so that nothing follows a servo that is absent.
+
+    Servos with one id write their blocks over each other: what is heard is as if each had written a packet of its own.
+    """
+    rivals = max((len(present.get(id, ())) for id, _, _ in asked), default=0)
+    spoken: list[tuple[float, bytes]] = []
+    for rival in range(rivals):
+        blocks: list[tuple[int, int, bytes]] = []
+        delay = 0.0
+        for id, address, size in asked:
+            servos = present.get(id, ())
+            servo = servos[min(rival, len(servos) - 1)] if servos else None
+            if servo is None or not servo.level:
+                break
+            delay = delay if blocks else servo.return_delay
+            data, error = _read(servo, address, size, time)
+            blocks.append((id, servo.alert(error), data.ljust(size, b"\0")))  # a refused block keeps its length
+        if blocks:
+            spoken.append((delay, fast_status([size for _, _, size in asked], blocks)))
+    yield from collide(spoken, byte)
 
 
-def _write_each(packet: Packet, present: Mapping[int, Servo], time: float) -> None:
+def _write_each(packet: Packet, present: Mapping[int, Sequence[Servo]], time: float) -> None:
     """Each named servo takes its own bytes; none answers, not even to refuse. A malformed packet does nothing."""
     raw = packet.parameters
     writes: list[tuple[int, int, bytes]] = []
@@ -129,9 +161,6 @@ def _write_each(packet: Packet, present: Mapping[int, Servo], time: float) -> No
             writes.append((raw[at], _u16(raw, at + 1), raw[at + 5 : end]))
             at = end
     for id, address, data in writes:
-        servo = present.get(id)
-        if servo is not None:
-            try:
+        for servo in present.get(id, ()):
+            with contextlib.suppress(Refused):
                 servo.write(address, data, time)
-            except Refused:
-                continue

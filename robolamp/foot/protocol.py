@@ -58,6 +58,7 @@ class Decoder:
         discarded: Bytes thrown away because they belonged to no good frame.
         crc_errors: Frames whose CRC was wrong (chance headers in garbage included).
         lost: Frames that the sequence numbers say are missing.
+        repeated: Frames that came twice in a row, byte for byte; they are handed out twice too.
     """
 
     def __init__(self) -> None:
@@ -65,8 +66,10 @@ class Decoder:
         self.discarded = 0
         self.crc_errors = 0
         self.lost = 0
+        self.repeated = 0
         self._buffer = bytearray()
         self._sequence: int | None = None
+        self._last = b""
 
     def feed(self, data: bytes) -> list[Frame]:
         """Take received bytes.
@@ -105,9 +108,11 @@ class Decoder:
 
     def _frame(self, body: bytes) -> Frame:
         _, sequence, time, force, status = _BODY.unpack(body)
-        if self._sequence is not None:
+        if body == self._last:
+            self.repeated += 1
+        elif self._sequence is not None:
             self.lost += (sequence - self._sequence - 1) % 65_536
-        self._sequence = sequence
+        self._sequence, self._last = sequence, body
         self.frames += 1
         return Frame(sequence, time, force / 1000, bool(status & _SATURATED), bool(status & _DISCONNECTED))
 

@@ -47,12 +47,14 @@ float64 foot_force
 float64 foot_age
 bool contact
 uint32 hops
-# The servos: supply [V], temperature [degC], duty (-1 to 1), torque enable and hardware error (-1: unknown).
+# The servos: supply [V], temperature [degC], duty (-1 to 1), torque enable and hardware error (-1: unknown), and the
+# ERR byte of each answer (-1: none came; bit 7 is the hardware alert; empty where there are no servos).
 float64[] voltage
 float64[] temperature
 float64[] pwm
 int32[] torque
 int32[] hardware_error
+int32[] error_byte
 # The controller's terminals (their names are in the metadata record "robolamp") and raw outputs [rad].
 float64[] inputs
 float64[] outputs
@@ -140,6 +142,7 @@ def tick_message(tick: Tick) -> dict[str, Any]:
         "pwm": health.pwm.tolist(),
         "torque": health.torque.tolist(),
         "hardware_error": health.hardware_error.tolist(),
+        "error_byte": health.error.tolist(),
         "inputs": tick.inputs.tolist(),
         "outputs": tick.outputs.tolist(),
         "not_finite": changed.not_finite,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+from collections import Counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +76,7 @@ class RobotLamp:
         self._spoke = -math.inf  # when the bus last carried a packet of ours [s]
         self._silence = 0.0  # longest time without one since the watchdogs were last known to be armed [s]
         self._unknown = np.zeros(len(lamp.joints), np.int64)  # readings in a row without a servo's condition
+        self._noted: Counter[str] = Counter()  # what was last known to have gone wrong on the lines
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -115,6 +118,7 @@ class RobotLamp:
             self._foot.close()
             raise
         self._servos = servos
+        self._damage()  # what came before is not of the run
         self.observe()  # from here on, ages count from a real reading
 
     def torque(self, on: bool) -> None:
@@ -135,6 +139,10 @@ class RobotLamp:
             return
         self._torque = False
         if self._servos is not None:
+            if self._bus.gone:
+                with contextlib.suppress(BusError):  # it may be back
+                    self._bus.close()
+                    self._bus.open()
             self.left_on = tuple(self.joints[index] for index in self._servos.torque_off())
 
     def observe(self) -> Observation:
@@ -154,6 +162,9 @@ class RobotLamp:
             self._spoke = began
             faults += [f"{self.joints[index]}: no answer" for index in np.flatnonzero(~present)]
             self._unknown = np.where(present & (state.torque < 0), self._unknown + 1, 0)
+            again = np.flatnonzero(state.asked_again & present)
+            faults += [f"{self.joints[index]}: answered only when asked again" for index in again]
+            faults += [f"{self.joints[index]}: a goal did not arrive" for index in np.flatnonzero(state.goal_lost)]
             silent_alert = np.flatnonzero((state.error > 0) & (state.hardware_error <= 0))
             faults += [f"{self.joints[index]}: error byte {state.error[index]:#04x}" for index in silent_alert]
             lasting = np.flatnonzero(self._unknown >= _CONDITION_TICKS)
@@ -162,6 +173,7 @@ class RobotLamp:
             self._foot.poll()
         except BusError as error:
             faults.append(f"foot: {error.message}")
+        faults += self._damage()
         newest = self._foot.newest
         if newest is not None and newest.saturated:
             faults.append("foot: saturated")
@@ -177,7 +189,9 @@ class RobotLamp:
             angle_age=now - self._measured,
             foot_force=self._foot.force,
             foot_age=self._foot.age,
-            health=Health(state.voltage, state.temperature, sign * state.pwm, state.torque, state.hardware_error),
+            health=Health(
+                state.voltage, state.temperature, sign * state.pwm, state.torque, state.hardware_error, state.error
+            ),
             faults=tuple(faults),
         )
 
@@ -230,6 +244,21 @@ class RobotLamp:
             self._servos = None
         self._bus.close()
         self._foot.close()
+
+    def _damage(self) -> list[str]:
+        """Return what has gone wrong on the lines since the last call, though nothing may be missing for it."""
+        decoder = self._foot.decoder
+        now = Counter(
+            {
+                "bus: bytes that nobody asked for": self._bus.stray,
+                "foot: frames lost": decoder.lost,
+                "foot: damaged bytes": decoder.discarded,
+                "foot: frames repeated": decoder.repeated,
+            }
+        )
+        new = list(now - self._noted)
+        self._noted = now
+        return new
 
     def _ready(self) -> Servos:
         if self._servos is None:

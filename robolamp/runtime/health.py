@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from robolamp.dynamixel.registers import MODELS, VOLTAGE_UNIT, HardwareError, Name
 from robolamp.lamp import Lamp
+from robolamp.runtime.schedule import MAX_PERIOD
 from robolamp.signals import Observation
 
 ANGLE_AGE = 0.1
@@ -21,6 +22,13 @@ FOOT_AGE = 0.05
 
 FOOT_AGE_STOP = 0.1
 """Age of the foot force at which the run ends [s]: the controller is blind to the floor."""
+
+FOOT_STUCK, FOOT_STUCK_AIR = 0.1, 0.5
+"""How long the foot force may stay the same to the millinewton while a joint moves by FOOT_STUCK_MOVE [s]: on the
+floor, and in the air, where a sensor may show its zero. Estimates: a hop's flight is 0.2 s."""
+
+FOOT_STUCK_MOVE = 0.05
+"""Movement of a joint in which the floor's force must change [rad]: it moves the lamp's weight by centimetres."""
 
 TEMPERATURE = 65.0
 """Temperature at which the run ends [degC]: below the servos' own limits of 70 and 72 (Temperature Limit(31))."""
@@ -82,13 +90,14 @@ class Guard:
     Args:
         lamp: Gives joint names and servo models.
         powered: Whether torque is on, as it must be from then on; False for a run that only watches.
+        clamped: Whether the base is clamped: what its foot sensor shows is no ground for anything then.
 
     Attributes:
         faults: How many observations showed each fault, by its text.
         reason: The fault that ended the run; empty while there is none.
     """
 
-    def __init__(self, lamp: Lamp, *, powered: bool = True) -> None:
+    def __init__(self, lamp: Lamp, *, powered: bool = True, clamped: bool = False) -> None:
         self.faults: Counter[str] = Counter()
         self.reason = ""
         self._names = lamp.names
@@ -97,8 +106,10 @@ class Guard:
         )
         self._low_since: dict[str, float] = {}
         self._powered = powered
+        self._clamped = clamped
         self._duty = RunningMean(len(lamp.joints), OVER_TIME)
         self._heating = RunningMean(len(lamp.joints), OVER_TIME)
+        self._still = _Still(lamp.contact_on)
 
     def check(self, observation: Observation) -> Verdict:
         """Take note of an observation's faults (its own and those found here) and judge it.
@@ -112,7 +123,7 @@ class Guard:
         for text in observation.faults:
             self.faults[text] += 1
         verdict = Verdict.GO
-        for text, found in [*self._servos(observation), *self._foot(observation)]:
+        for text, found in [*self._servos(observation), *([] if self._clamped else self._foot(observation))]:
             self.faults[text] += 1
             if found > verdict:
                 verdict = found
@@ -158,4 +169,34 @@ class Guard:
             return [(f"foot: no force for {FOOT_AGE_STOP:g} s", Verdict.LAND)]
         if observation.foot_age > FOOT_AGE:
             return [(f"foot: no force for {FOOT_AGE:g} s", Verdict.GO)]
+        if self._still.stuck(observation):
+            return [("foot: stuck, the force stays the same while the lamp moves", Verdict.LAND)]
         return []
+
+
+class _Still:
+    """Watches for a foot force that does not change though it must.
+
+    Args:
+        contact_on: Force of ground contact [N].
+    """
+
+    def __init__(self, contact_on: float) -> None:
+        self._contact_on = contact_on
+        self._force = math.nan
+        self._since = self._seen = math.nan
+        self._low = self._high = np.empty(0)
+
+    def stuck(self, observation: Observation) -> bool:
+        """Return whether the force has stayed the same for too long while a joint moved."""
+        angle = observation.angle
+        watched = observation.time - self._seen <= MAX_PERIOD
+        self._seen = observation.time
+        if observation.foot_force != self._force or not watched:
+            self._force, self._since = observation.foot_force, observation.time
+            self._low, self._high = angle, angle
+            return False
+        self._low, self._high = np.fmin(self._low, angle), np.fmax(self._high, angle)
+        moved = bool((self._high - self._low > FOOT_STUCK_MOVE).any())
+        allowed = FOOT_STUCK if self._force > self._contact_on else FOOT_STUCK_AIR
+        return moved and observation.time - self._since > allowed

@@ -10,11 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.controller.pilot import PilotStep
-from robolamp.errors import BusError, RobolampError, SafetyError
+from robolamp.errors import BusError, RobolampError
 from robolamp.lamp import Lamp
 from robolamp.runtime.health import Guard, Verdict
+from robolamp.runtime.release import still_held
+from robolamp.runtime.replug import REPLUG_TIME, came_back
+from robolamp.runtime.reporter import Reporter
 from robolamp.runtime.result import RunResult
-from robolamp.runtime.schedule import PERIOD, check_period
+from robolamp.runtime.schedule import PERIOD, Schedule, check_period
+from robolamp.runtime.softly import first_goal, present_pose, smooth
 from robolamp.runtime.stop import StopRequest
 from robolamp.signals import Command, LampBackend, Observation, Tick
 
@@ -29,12 +33,7 @@ START_HOLD = 0.5
 LANDING = 1.0
 """Time from the last goal to the rest pose [s]."""
 
-REPLUG_TIME = 10.0
-"""How long a port that was unplugged has to come back [s]."""
-
-_REPLUG_LOOK = 0.1  # s: between two attempts to open it
 _REQUEST = "request to stop"
-_LOOKS = 5  # observations taken to see every joint before torque goes on, and every torque off at the end
 
 
 class Pilot(Protocol):
@@ -62,6 +61,8 @@ def run(
     stop: StopRequest | None = None,
     powered: bool = True,
     reconnect: Callable[[], bool] | None = None,
+    limp: float = 0.0,
+    clamped: bool = False,
 ) -> RunResult:
     """Run a controller on a lamp.
 
@@ -82,6 +83,9 @@ def run(
         reconnect: Called every 0.1 s for up to REPLUG_TIME after the servos fell silent altogether (a port unplugged);
             once it returns True the run goes on: goal := present, torque on, softly back to the last goal. None: the
             run ends then, and the servos' watchdogs hold the lamp.
+        limp: How long a run that finished is watched once its torque is off [s]: ticks of phase "limp", whose goals
+            were not sent.
+        clamped: Whether the base is clamped, so that the foot sensor is not asked whether to go on.
 
     Returns:
         How it went.
@@ -92,31 +96,24 @@ def run(
         BusError: The lamp's pose cannot be read, or its torque cannot be turned on.
     """
     check_period(period, lamp)
-    loop = _Loop(backend, lamp, period, on_tick, on_event, stop or StopRequest(), powered, reconnect)
+    reporter = Reporter(on_tick, on_event)
+    loop = _Loop(backend, lamp, period, reporter, stop or StopRequest(), powered, reconnect, clamped)
     try:
         if loop.begin():
             loop.start()
             loop.pilot(pilot, duration)
             loop.land()
+            if limp:
+                loop.watch(limp)
     except _Cut as cut:
         loop.cut(cut.reason)
     finally:
         backend.torque(False)
         loop.confirm()
     result = loop.end()
-    if loop.broken:
-        raise loop.broken
+    if reporter.broken:
+        raise reporter.broken
     return result
-
-
-def smooth(share: float) -> float:
-    """Return the minimum-jerk curve (Flash and Hogan 1985): 0 at 0, 1 at 1, at rest at both ends.
-
-    Args:
-        share: Elapsed share of the movement; held at the ends outside 0 to 1.
-    """
-    s = min(max(share, 0.0), 1.0)
-    return s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
 
 
 class _Cut(Exception):
@@ -134,62 +131,46 @@ class _Moment:
 
 
 class _Loop:
-    """One run: the schedule, and what every phase does with a tick.
-
-    Attributes:
-        broken: What a callback raised first; None while none has.
-    """
+    """One run: the schedule, and what every phase does with a tick."""
 
     def __init__(
         self,
         backend: LampBackend,
         lamp: Lamp,
         period: float,
-        on_tick: Callable[[Tick], None] | None,
-        on_event: Callable[[str, str], None] | None,
+        reporter: Reporter,
         stop: StopRequest,
         powered: bool,
         reconnect: Callable[[], bool] | None,
+        clamped: bool,
     ) -> None:
         self._backend = backend
         self._clock = backend.clock
         self._lamp = lamp
         self._period = period
-        self._on_tick = on_tick
-        self._on_event = on_event
+        self._reporter = reporter
+        self._say = reporter.say
         self._stop = stop
-        self._guard = Guard(lamp, powered=powered)
+        self._guard = Guard(lamp, powered=powered, clamped=clamped)
         self._watching = not powered
         self._reconnect = reconnect
         self._paused = 0.0  # time of the run phase in which the controller did not drive [s]
         self._result = RunResult()
         self._goal = np.zeros(len(lamp.joints))
-        self._slot = 0
-        self._origin = 0.0
-        self._announced = 0
+        self._schedule = Schedule(backend.clock, period)
         self._contact = True
         self._landing = False
         self._powered = False  # whether torque may have been on
-        self._holding: tuple[str, ...] = ()  # joints not confirmed to be without torque
-        self.broken: Exception | None = None
+        self._holding = ""  # joints not confirmed to be without torque
 
     def begin(self) -> bool:
         """See where every joint is, then turn torque on, unless a stop has been asked for already."""
-        angle = self._backend.observe().angle
-        for _ in range(_LOOKS - 1):
-            if np.isfinite(angle).all():
-                break
-            angle = self._backend.observe().angle
-        if not np.isfinite(angle).all():
-            silent = ", ".join(name for name, value in zip(self._lamp.names, angle, strict=True) if np.isnan(value))
-            raise BusError(f"no angle from {silent} in {_LOOKS} readings; torque stays off")
-        self._goal = np.clip(angle, self._lamp.lower, self._lamp.upper)
-        self._check_first(angle)
+        self._goal = first_goal(present_pose(self._backend, self._lamp), self._lamp, self._period)
         if self._stop.requests:
             self._finish("stopped", _REQUEST)
             return False
         self._power()
-        self._origin = self._clock.now()
+        self._schedule.begin()
         return True
 
     def start(self) -> None:
@@ -225,6 +206,19 @@ class _Loop:
         self._say("info", "landing")
         self._move("landing", self._lamp.rest, LANDING, LANDING)
 
+    def watch(self, duration: float) -> None:
+        """Turn torque off, unless the run ended early, and log how the joints move by themselves."""
+        if self._ended:
+            return
+        self._backend.torque(False)
+        self._say("info", "limp")
+        for _ in range(round(duration / self._period)):
+            scheduled, began, _ = self._schedule.wait()
+            if self._stop.requests:
+                return
+            observation = self._backend.observe()
+            self._hand_out("limp", _Moment(scheduled, began, self._clock.now(), observation))
+
     def cut(self, reason: str) -> None:
         """Take note that the run ends at once."""
         self._result.ended, self._result.reason = "cut", reason
@@ -232,43 +226,23 @@ class _Loop:
 
     def confirm(self) -> None:
         """See whether every servo's torque is off; say so aloud if it may not be."""
-        torque = self._backend.observe().health.torque
-        for _ in range(_LOOKS - 1):
-            if not torque.any():
-                return
-            torque = self._backend.observe().health.torque
-        holding: list[str] = []
-        for name, state in zip(self._lamp.names, torque, strict=True):
-            if state > 0 or (state < 0 and self._powered):
-                holding.append(name)
-                self._guard.faults[f"{name}: torque {'still' if state > 0 else 'perhaps still'} on at the end"] += 1
-        self._holding = tuple(holding)
-        if holding:
-            names = ", ".join(holding)
-            self._say("error", f"torque may still be on: {names}; switch the supply off, or `robolamp stop`")
+        held = still_held(self._backend, powered=self._powered)
+        self._guard.faults.update(f"{name}: torque {how} on at the end" for name, how in held.items())
+        self._holding = ", ".join(held)
+        if held:
+            self._say("error", f"torque may still be on: {self._holding}; switch the supply off, or `robolamp stop`")
 
     def end(self) -> RunResult:
         """Return how it went; a run after which torque may still be on did not end well."""
-        self._announce()
+        self._reporter.announce(self._guard.faults)
         result = self._result
         result.faults = dict(self._guard.faults)
         if not self._holding:
             self._say("info", f"torque off; {result.ended}")
         elif result.ended != "cut":
-            text = f"torque may still be on: {', '.join(self._holding)}"
+            text = f"torque may still be on: {self._holding}"
             result.ended, result.reason = "cut", f"{result.reason}; {text}" if result.reason else text
         return result
-
-    def _check_first(self, angle: Array) -> None:
-        """Refuse a first goal that would jump: what is outside the limits is brought to them in one tick."""
-        step = self._lamp.slew * max(self._period, PERIOD)
-        for joint, value, goal, most in zip(self._lamp.joints, angle, self._goal, step, strict=True):
-            if abs(goal - value) > most:
-                raise SafetyError(
-                    f"{joint.name} stands at {value:.2f} rad, outside {joint.lower:g} to {joint.upper:g} rad by more "
-                    f"than the {most:.2f} rad that its slew limit allows a tick; put the lamp upright by hand",
-                    str(self._lamp.path),
-                )
 
     def _power(self) -> None:
         if self._watching:
@@ -292,21 +266,18 @@ class _Loop:
             raise _Cut(reason)
         lost = self._clock.now()
         self._say("error", f"{reason}; waiting up to {REPLUG_TIME:g} s for it to come back")
-        while not self._reconnect():
-            if self._clock.now() - lost > REPLUG_TIME or self._stop.requests:
-                raise _Cut(reason)
-            self._clock.sleep_until(self._clock.now() + _REPLUG_LOOK)
+        if not came_back(self._reconnect, self._clock, self._stop):
+            raise _Cut(reason)
         angle = self._backend.observe().angle
         if not np.isfinite(angle).all():
             raise _Cut(f"{reason}; it came back without an angle")
-        self._goal = np.clip(angle, self._lamp.lower, self._lamp.upper)
         try:
-            self._check_first(angle)
+            self._goal = first_goal(angle, self._lamp, self._period)
             self._power()
         except RobolampError as error:
             raise _Cut(f"{reason}; it came back, but {error.message}") from None
         self._result.replugs += 1
-        self._origin, self._slot = self._clock.now(), 0
+        self._schedule.begin()
         self._say("warning", f"back after {self._clock.now() - lost:.1f} s; going softly to where it was")
         self._move("start", target, START_MOVE, START_MOVE)
         self._paused += self._clock.now() - lost
@@ -334,17 +305,12 @@ class _Loop:
 
     def _next(self) -> _Moment:
         """Wait for the next tick that is not past, observe, and judge whether to go on."""
-        scheduled = self._origin + self._slot * self._period
-        self._clock.sleep_until(scheduled)
-        began = self._clock.now()
-        missed = int((began - scheduled) / self._period)
+        scheduled, began, missed = self._schedule.wait()
         self._result.missed_ticks += missed
-        scheduled += missed * self._period
-        self._slot += missed + 1
         observation = self._backend.observe()
         read_done = self._clock.now()
         verdict = self._guard.check(observation)
-        self._announce()
+        self._reporter.announce(self._guard.faults)
         if verdict == Verdict.CUT:
             self._resume(self._guard.reason, self._goal)
             return self._next()
@@ -354,8 +320,11 @@ class _Loop:
             self._finish("guard", self._guard.reason)
         elif not self._ended and not self._landing and self._stop.requests:
             self._finish("stopped", _REQUEST)
-        elif not self._ended and not self._landing and self.broken:
-            self._finish("stopped", f"the log or display failed ({str(self.broken) or type(self.broken).__name__})")
+        elif not self._ended and not self._landing and self._reporter.broken:
+            self._finish(
+                "stopped",
+                f"the log or display failed ({str(self._reporter.broken) or type(self._reporter.broken).__name__})",
+            )
         return _Moment(scheduled, began, read_done, observation)
 
     def _finish(self, ended: str, reason: str) -> None:
@@ -374,6 +343,9 @@ class _Loop:
         except RobolampError as error:
             raise _Cut(str(error)) from None
         self._goal = goal
+        self._hand_out(phase, moment, inputs, outputs)
+
+    def _hand_out(self, phase: str, moment: _Moment, inputs: Array | None = None, outputs: Array | None = None) -> None:
         tick = Tick(
             index=self._result.ticks,
             phase=phase,
@@ -382,7 +354,7 @@ class _Loop:
             read_done=moment.read_done,
             write_done=self._clock.now(),
             observation=moment.observation,
-            goal=goal,
+            goal=self._goal,
             inputs=np.empty(0) if inputs is None else inputs,
             outputs=np.empty(0) if outputs is None else outputs,
             interventions=self._result.interventions,
@@ -390,23 +362,4 @@ class _Loop:
             contact=self._contact,
         )
         self._result.ticks += 1
-        if self._on_tick:
-            try:
-                self._on_tick(tick)
-            except Exception as error:  # whatever it is: the lamp is not dropped in mid-hop for it
-                self._on_tick = None
-                self.broken = self.broken or error
-
-    def _announce(self) -> None:
-        """Report faults that are new."""
-        for text in list(self._guard.faults)[self._announced :]:
-            self._say("warning", text)
-        self._announced = len(self._guard.faults)
-
-    def _say(self, level: str, text: str) -> None:
-        if self._on_event:
-            try:
-                self._on_event(level, text)
-            except Exception as error:
-                self._on_event = None
-                self.broken = self.broken or error
+        self._reporter.tick(tick)

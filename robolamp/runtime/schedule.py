@@ -1,10 +1,11 @@
-"""Control periods: which ones a lamp can be driven at."""
+"""Control periods: which ones a lamp can be driven at, and ticks that keep to one."""
 
 from __future__ import annotations
 
 from robolamp.dynamixel.servos import tick_wire_time
 from robolamp.errors import SafetyError
 from robolamp.lamp import Lamp
+from robolamp.signals import Clock
 
 PERIOD = 0.02
 """Control period where the controller gives none [s]: 50 Hz."""
@@ -38,3 +39,34 @@ def check_period(period: float, lamp: Lamp) -> None:
             f"{WIRE_SHARE:.0%} of control_period = {period:g} s; raise the baud rate (of the servos too) or the period",
             str(lamp.path),
         )
+
+
+class Schedule:
+    """Ticks at absolute times, so that lateness does not add up; those that are past already are skipped.
+
+    Args:
+        clock: What they are timed by.
+        period: From one to the next [s].
+    """
+
+    def __init__(self, clock: Clock, period: float) -> None:
+        self._clock, self._period = clock, period
+        self._origin = 0.0
+        self._slot = 0
+
+    def begin(self) -> None:
+        """Let the first tick be now."""
+        self._origin, self._slot = self._clock.now(), 0
+
+    def wait(self) -> tuple[float, float, int]:
+        """Wait for the next tick.
+
+        Returns:
+            When it was due and when it began [s], and how many before it were skipped.
+        """
+        due = self._origin + self._slot * self._period
+        self._clock.sleep_until(due)
+        began = self._clock.now()
+        missed = int((began - due) / self._period)
+        self._slot += missed + 1
+        return due + missed * self._period, began, missed

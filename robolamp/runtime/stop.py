@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Callable
 from types import FrameType, TracebackType
 from typing import Any
 
@@ -14,16 +15,24 @@ class StopRequest:
     """Counts requests to stop; as a context manager it takes over the process's stop signals (main thread only).
 
     Attributes:
-        requests: How many have come. The first lands the lamp, the second turns its torque off at once.
+        asked: Called whenever the requests are counted; True is a first request, never a second. None: nobody is.
     """
 
     def __init__(self) -> None:
-        self.requests = 0
+        self.asked: Callable[[], bool] | None = None
+        self._requests = 0
         self._before: dict[signal.Signals, Any] = {}
+
+    @property
+    def requests(self) -> int:
+        """How many have come. The first lands the lamp, the second turns its torque off at once."""
+        if not self._requests and self.asked and self.asked():
+            self._requests = 1
+        return self._requests
 
     def request(self) -> None:
         """Ask for a stop, as a signal does."""
-        self.requests += 1
+        self._requests += 1
 
     def __enter__(self) -> StopRequest:
         self._before = {number: signal.signal(number, self._signalled) for number in SIGNALS}
@@ -37,4 +46,4 @@ class StopRequest:
         self._before = {}
 
     def _signalled(self, number: int, frame: FrameType | None) -> None:
-        self.requests += 1
+        self._requests += 1

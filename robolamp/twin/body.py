@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.twin.model import TwinModel
-from robolamp.twin.servo import friction_loss, write_motors
+from robolamp.twin.servo import friction_loss, weaken, write_motors
 
 
 class Body:
@@ -28,11 +28,13 @@ class Body:
         self._twin = twin
         self.model = copy.copy(twin.model)
         self.data = mujoco.MjData(self.model)
-        self._friction = twin.servos.friction()[None]
+        self._friction, self._weakness = twin.servos.friction()[None], twin.servos.weakness()[None]
+        self._weakens = twin.servos.weakens
         data = self.data
         # Views of one lane, shape (1, nv), in the form that the many-lane kernel takes.
         self._motor, self._bias = data.qfrc_actuator[None], data.qfrc_bias[None]
         self._velocity, self._loss = data.qvel[None], self.model.dof_frictionloss[None]
+        self._gains = self.model.actuator_gainprm[None]
         self.reset()
 
     def reset(self) -> None:
@@ -42,7 +44,10 @@ class Body:
 
     def step(self, count: int = 1) -> None:
         """Take physics steps."""
+        twin = self._twin
         for _ in range(count):
+            if self._weakens:
+                weaken(self._weakness, twin.dof, twin.actuator, self._motor, self._velocity, self._gains)
             friction_loss(self._friction, self._twin.dof, self._motor, self._bias, self._velocity, self._loss)
             mujoco.mj_step(self.model, self.data)
 
@@ -50,10 +55,16 @@ class Body:
         """Give the servos their goals, shape (n,) [rad]."""
         self.data.ctrl[self._twin.actuator] = goal
 
-    def set_motors(self, p_gain: NDArray[np.float64], voltage: NDArray[np.float64], torque: NDArray[np.bool_]) -> None:
-        """Change gains, supply and torque enable; all of shape (n,), see `servo.write_motors`."""
+    def set_motors(
+        self,
+        p_gain: NDArray[np.float64],
+        voltage: NDArray[np.float64],
+        torque: NDArray[np.bool_],
+        duty: float = 1.0,
+    ) -> None:
+        """Change gains, supply and torque enable, all of shape (n,), and the duty limit; see `servo.write_motors`."""
         rows = self.model.actuator_gainprm[self._twin.actuator]
-        write_motors(rows, self._twin.servos, p_gain, voltage, torque)
+        write_motors(rows, self._twin.servos, p_gain, voltage, torque, duty)
         self.model.actuator_gainprm[self._twin.actuator] = rows
 
     @property

@@ -26,7 +26,7 @@ from robolamp.twin.lanes import deal
 from robolamp.twin.model import TwinModel
 from robolamp.twin.poses import KeyPose, PoseErrors
 from robolamp.twin.sensors import measure_angle, measure_force
-from robolamp.twin.servo import friction_loss
+from robolamp.twin.servo import friction_loss, weaken
 from robolamp.twin.trace import Trace
 
 SETTLE_TIME = 1.0
@@ -107,6 +107,8 @@ class _Shard:
         self.batch.state[:] = states[variant]
         self.loss = self.batch.expand("dof_frictionloss")
         self.friction = np.stack([each.servos.friction() for each in twins])[variant]
+        self.weakness = np.stack([each.servos.weakness() for each in twins])[variant]
+        self.gains = self.batch.expand("actuator_gainprm") if any(each.servos.weakens for each in twins) else None
         self.arrival_step = np.array([round(each.line_delay / twin.timestep) for each in twins])[variant]
         self.foot_gain = np.array([each.foot_gain for each in twins])[variant]
         bind = self.batch.bind
@@ -165,6 +167,8 @@ class _Shard:
                 if substep <= (self.arrival_step % self.substeps).max():
                     late = np.maximum(-((substep - self.arrival_step) // self.substeps), 0)
                     self.ctrl[:] = line[late, every]
+                if self.gains is not None:
+                    weaken(self.weakness, twin.dof, twin.actuator, self.motor, self.qvel, self.gains)
                 friction_loss(self.friction, twin.dof, self.motor, self.bias, self.qvel, self.loss)
                 self.batch.step(alive, 1)
                 steps += 1

@@ -44,10 +44,12 @@ class TwinLamp:
         twin: The compiled lamp.
         goal: Where it is sent, for the judge [m].
         duration: Length of the judged run [s].
+        duty: Goal PWM(100) of the servos, 0 to 1: the most of the supply that a motor gets.
     """
 
-    def __init__(self, twin: TwinModel, goal: float = 0.0, duration: float = 0.0) -> None:
+    def __init__(self, twin: TwinModel, goal: float = 0.0, duration: float = 0.0, *, duty: float = 1.0) -> None:
         self.twin = twin
+        self._duty = duty
         self.body = Body(twin)
         self.clock = TwinClock(self)
         self._steps = 0
@@ -82,7 +84,7 @@ class TwinLamp:
         self._torque = on
         joints = self.twin.lamp.joints
         gains = np.array([joint.position_p_gain for joint in joints], float)
-        self.body.set_motors(gains, np.full(len(joints), self.twin.voltage), np.full(len(joints), on))
+        self.body.set_motors(gains, np.full(len(joints), self.twin.voltage), np.full(len(joints), on), self._duty)
 
     def advance_to(self, time: float) -> None:
         """Simulate until a time [s]; goals arrive after the line's delay."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -161,6 +161,8 @@ def build(
     torque: bool = True,
     timestep: float | None = None,
     pole: Pole | None = None,
+    clamped: bool = False,
+    reshape: Callable[[mujoco.MjSpec], None] | None = None,
 ) -> TwinModel:
     """Compile the lamp's model with a calibration's numbers.
 
@@ -172,6 +174,8 @@ def build(
         torque: False: as with the servos' torque off.
         timestep: Physics step [s]; None: the model's own.
         pole: A pole across its way; None: a free desk.
+        clamped: Whether the base is clamped to the desk.
+        reshape: Changes the specification last, before it is compiled: what a calibration cannot express.
 
     Raises:
         FileError: The model does not load, or lacks a joint, actuator, sensor or site that the lamp needs.
@@ -194,6 +198,9 @@ def build(
         if actuator is None or spec.joint(joint.name) is None:
             raise FileError(f"no joint and actuator named {joint.name!r}, which {lamp.path} has", str(path))
         set_motor(actuator, servos, index, joint.position_p_gain, voltage, samples, torque=torque)
+        hinge, offset = spec.joint(joint.name), calibration.joint(joint.name, "encoder_offset")
+        if offset:  # the model's angles are what the encoders read
+            hinge.ref, hinge.range = offset, [bound + offset for bound in hinge.range]
     for kind, found, name in (
         ("sensor", spec.sensor("foot_force"), "foot_force"),
         ("site", spec.site("base"), "base"),
@@ -206,11 +213,23 @@ def build(
             raise FileError(f"no {kind} named {name!r}, which a lamp's model needs", str(path))
     if pole is not None:
         _raise_pole(spec, pole)
+    if clamped:
+        spec.add_equality(
+            type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1="base",
+            solref=[2.0 * spec.option.timestep, 1.0], solimp=[0.999, 0.9999, 0.001, 0.5, 2.0],
+        )  # fmt: skip
     friction = calibration.lamp("floor_friction") * bend.floor
     for geom in spec.geoms:
         if geom.name in ("floor", "foot"):
             geom.friction[0] = friction
+            geom.solref[0] *= calibration.lamp("contact_softness")
+    if reshape is not None:
+        reshape(spec)
     model = spec.compile()
+    for joint in lamp.joints:
+        link, body = calibration.joint(joint.name, "link_mass"), model.joint(joint.name).bodyid
+        model.body_mass[body] *= link
+        model.body_inertia[body] *= link
     scale = calibration.lamp("mass_scale") * bend.mass
     model.body_mass[:] *= scale
     model.body_inertia[:] *= scale

@@ -88,7 +88,9 @@ def test_assign_wants_one_servo(capsys: pytest.CaptureFixture[str], line: Respon
     code, out, _ = call(capsys, *words, "--joint", "knee")
     assert (code, json.loads(out)["error"][:41]) == (2, "expected one servo alone on the line, or ")
     code, out, _ = call(capsys, *words, "--joint", "elbow")
-    assert (code, json.loads(out)["error"]) == (2, "'elbow' is not one of ankle, knee, neck")
+    assert (code, json.loads(out)["error"]) == (2, "'elbow' is not a joint; expected one of ankle, knee, neck")
+    code, out, _ = call(capsys, *words)
+    assert (code, json.loads(out)["error"]) == (2, "assign wants --joint; expected one of ankle, knee, neck")
     assert 0x03 not in {instruction for _, instruction, _ in line.heard}
 
 
@@ -267,3 +269,8 @@ def test_an_option_of_another_step_is_refused(
     assert code == 2
     assert json.loads(out)["where"] == option
     assert json.loads(out)["error"].endswith(f"not for {words[0]}")
+
+
+def test_one_look_takes_no_duration(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = call(capsys, "monitor", "--port", "/dev/nosuch", "--json", "--duration", 2)
+    assert (code, json.loads(out)["where"]) == (2, "--duration")

@@ -42,13 +42,14 @@ def write_run(
     lost: float = 0.0,
     skip: tuple[int, ...] = (),
     send: float = SEND,
+    duty: float | None = None,
 ) -> tuple[Path, Path]:
     """Write a log and its truth; returns both paths.
 
     `noise` [rad] is added to the angles, a share `lost` of them is missing, the ticks in `skip` did not run, and goals
-    leave `send` [s] after a tick's start.
+    leave `send` [s] after a tick's start. With a `duty` the motors get no more of the supply, and the log says so.
     """
-    lamp = TwinLamp(build(LAMP, CALIBRATION, ASSETS, bend))
+    lamp = TwinLamp(build(LAMP, CALIBRATION, ASSETS, bend), duty=1.0 if duty is None else duty)
     lamp.open()
     lamp.torque(True)
     random = np.random.default_rng(3)
@@ -61,7 +62,7 @@ def write_run(
         terminals=("t",),
         goal=0.30,
         control_period=PERIOD,
-    )
+    ) | ({} if duty is None else {"duty_limit": repr(duty)})
     paths = folder / "run.mcap", folder / "truth.mcap"
     with (
         LogWriter(paths[0], context=context, joints=LAMP.names, now=0.0, lossless=True) as log,

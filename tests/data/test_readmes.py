@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from robolamp.assets import Assets
-from robolamp.calibration import LAMP, SERVO, Range, load_calibration
+from robolamp.calibration import JOINT, LAMP, SERVO, Range, load_calibration
 from robolamp.compare.tolerances import load_tolerances
 from robolamp.controller.file import load_controller
 from robolamp.controller.primitives import PRIMITIVES
@@ -50,8 +50,8 @@ def test_nominal_says_where_every_value_is_from() -> None:
     for group, parameters in calibration.groups.items():
         for name, parameter in parameters.items():
             assert len(parameter.source) > 10, f"{group}.{name}"
-    assert set(calibration.groups["lamp"]) == set(LAMP)
-    assert set(calibration.groups["XL330-M288-T"]) == set(SERVO)
+    for group, legal in (("lamp", LAMP), ("XL330-M288-T", SERVO)):
+        assert set(calibration.groups[group]) == {name for name, allowed in legal.items() if allowed.default is None}
 
 
 @pytest.mark.parametrize(("legal", "group"), [(SERVO, "XL330-M288-T"), (LAMP, "lamp")], ids=["servo", "lamp"])
@@ -61,9 +61,19 @@ def test_calibration_tables_are_the_schema(legal: Mapping[str, Range], group: st
         unit, span, nominal, _ = rows.pop(name)
         assert unit == allowed.unit, name
         assert [float(value) for value in span.split(" to ")] == [allowed.low, allowed.high], name
-        assert float(nominal) == load_calibration(Assets()).groups[group][name].value, name
+        given = load_calibration(Assets()).groups[group].get(name)
+        assert float(nominal) == (given.value if given else allowed.default), name
     other = LAMP if legal is SERVO else SERVO
     assert set(rows) == set(other)
+
+
+def test_the_table_of_joints_is_the_schema() -> None:
+    rows = {row[0]: row[1:] for row in _parameter_rows("encoder_offset")}
+    assert set(rows) == set(JOINT)
+    for name, (unit, span, default, _) in rows.items():
+        allowed = JOINT[name]
+        assert (unit, float(default)) == (allowed.unit, allowed.default)
+        assert [float(value) for value in span.split(" to ")] == [allowed.low, allowed.high]
 
 
 def _parameter_rows(first: str) -> list[list[str]]:

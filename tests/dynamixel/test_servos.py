@@ -251,3 +251,22 @@ def test_readings_in_a_row_have_different_lengths(line: Responder, servos: Servo
             servos.read()
         blocks = [p[:4] for _, _, p in line.heard if p[0] != 64]
         assert all(a != b for a, b in itertools.pairwise(blocks))
+
+
+def test_torque_off_tells_all_at_once_what_one_does_not_confirm(line: Responder, servos: Servos) -> None:
+    servos.torque_on(GAINS, watchdog=0.2)
+    line.servos[1].silent = True
+    line.heard.clear()
+    assert servos.torque_off() == (0,)
+    assert (0xFE, 0x03, bytes([64, 0, 0])) in line.heard
+
+
+def test_a_goal_that_a_servo_does_not_hold_is_lost(line: Responder, servos: Servos) -> None:
+    servos.prepare([52, 52, 52])
+    servos.torque_on(GAINS, watchdog=0.2)
+    servos.write_goals(np.full(3, 3.0))
+    assert not servos.read().goal_lost.any()
+    line.servos[2][Name.GOAL_POSITION] = 17
+    assert servos.read().goal_lost.tolist() == [False, True, False]
+    servos.torque_off()
+    assert not servos.read().goal_lost.any()  # without torque a servo follows no goal

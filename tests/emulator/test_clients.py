@@ -85,6 +85,7 @@ def test_dynamixel_python(port: str) -> None:
             bulk.add_address(id, 132, 4)
         for answer in (bus.sync_read(fast), bus.fast_sync_read(fast), bus.bulk_read(bulk)):
             assert answer.ok
+            assert answer.data
             assert all(0 <= value < 4096 for value in answer.data)
     finally:
         bus.disconnect()

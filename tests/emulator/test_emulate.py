@@ -73,6 +73,25 @@ def test_eeprom_is_kept_where_asked(two: str, tmp_path: Path) -> None:
             assert process.wait(timeout=10) == 0
 
 
+def test_a_lamps_eeprom_is_kept_where_asked(tmp_path: Path) -> None:
+    kept = tmp_path / "eeprom"
+    for expected, written in ((0, 55), (55, 0)):
+        with emulator("--reality", "random:7", "--eeprom", str(kept)) as (process, ready):
+            with sdk(str(ready["servo_port"])) as (handler, packets):
+
+                def turned(handler=handler, packets=packets, written=written) -> bool:
+                    return packets.write4ByteTxRx(handler, 2, 20, written) == (COMM_SUCCESS, 0)
+
+                def reads(handler=handler, packets=packets, expected=expected) -> bool:
+                    return packets.read4ByteTxRx(handler, 2, 20)[:2] == (expected, COMM_SUCCESS)
+
+                assert eventually(reads)
+                assert eventually(turned)
+            process.terminate()
+            assert process.wait(timeout=10) == 0
+    assert [path.name for path in kept.iterdir()] == ["knee.toml"]
+
+
 def test_new_servos_are_plugged_in_one_at_a_time(two: str) -> None:
     with (
         emulator("--servos", two, "--factory") as (process, ready),
@@ -143,7 +162,9 @@ def test_traffic_is_told_in_words(two: str) -> None:
     ("arguments", "says"),
     [
         (["--servos", "TWO", "--reality", "worn"], "--reality: cannot be used with --servos"),
-        (["--eeprom", "x"], "--eeprom: needs --servos"),
+        (["--servos", "TWO", "--eeprom", "/proc/none"], "/proc/none: cannot keep EEPROM here"),
+        (["--eeprom", "TWO"], "two.toml: cannot keep EEPROM here: "),
+        (["--reality", "knob:nose:1"], "knob:nose:1: kind: 'nose' is not one of delay, strength"),
         (["--servos", "/nowhere.toml"], "/nowhere.toml: cannot be read"),
         (["--servos", "TWO", "--faults", "UNPLUG"], "unplugs a port; give --ports DIR"),
         (["--servos", "TWO", "--faults", "UNPLUG", "--ports", "/proc/none"], "cannot be made"),

@@ -150,9 +150,19 @@ def test_a_servo_reboots_into_silence_and_forgets_its_ram() -> None:
 
 
 def test_a_servo_that_loses_its_id_answers_with_another() -> None:
-    world = lamp(Event("id_lost", at=0.5, servo=3, id=1))
+    world = lamp(Event("id_lost", at=0.5, servo=3, id=9))
     assert [status.id for status in ask(world, instruction(0xFE, 1), 0.4)] == [1, 2, 3]
-    assert [status.id for status in ask(world, instruction(0xFE, 1), 0.6)] == [1, 1, 2]
+    assert [status.id for status in ask(world, instruction(0xFE, 1), 0.6)] == [1, 2, 9]
+
+
+def test_a_servo_that_gets_anothers_id_is_heard_together_with_it() -> None:
+    world = lamp(Event("id_lost", at=0.5, servo=3, id=1))
+    world.receive(write(1, 24, 5, 4), 0.4)
+    assert [status.id for status in ask(world, instruction(0xFE, 1), 0.6)] == [1, 2]  # the very same answer
+    world.advance_to(0.7)
+    (garbled,) = world.receive(read(1, 24, 4), 0.7)
+    with pytest.raises(AssertionError):
+        Status.of(garbled.data)
 
 
 def test_an_overload_takes_the_torque_and_raises_the_alert() -> None:

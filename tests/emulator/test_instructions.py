@@ -126,11 +126,13 @@ class TestBulk:
 
 
 class TestFastRead:
-    SYNC = staticmethod(lambda *ids: instruction(0xFE, 0x8A, u16(132) + u16(4) + bytes(ids)))
+    @staticmethod
+    def sync(*ids: int) -> bytes:
+        return instruction(0xFE, 0x8A, u16(132) + u16(4) + bytes(ids))
 
     def test_one_packet_for_all_with_running_crcs(self) -> None:
         bench = Bench(ids=(3, 7, 4))
-        request = self.SYNC(3, 7, 4)
+        request = self.sync(3, 7, 4)
         (reply,) = bench.line.feed(request, 0.0)
         raw = reply.data
         assert raw[:8] == bytes.fromhex("FF FF FD 00 FE 19 00 55")
@@ -144,7 +146,7 @@ class TestFastRead:
 
     def test_the_makers_code_reads_it(self) -> None:
         bench = Bench(ids=(1, 2))
-        (reply,) = bench.line.feed(self.SYNC(1, 2), 0.0)
+        (reply,) = bench.line.feed(self.sync(1, 2), 0.0)
         data, result, error = Protocol2PacketHandler().fastSyncReadRx(Received(reply.data), 0xFE, 2 * (4 + 4))
         assert (result, error) == (COMM_SUCCESS, 0)
         assert [data[1], data[9]] == [1, 2]
@@ -159,15 +161,15 @@ class TestFastRead:
 
     def test_an_absent_servo_breaks_the_chain(self) -> None:
         bench = Bench(ids=(1, 3))
-        (reply,) = bench.line.feed(self.SYNC(1, 2, 3), 0.0)
+        (reply,) = bench.line.feed(self.sync(1, 2, 3), 0.0)
         assert len(reply.data) == 8 + 8
         assert reply.data[5] == 0x19  # the length of all three was promised
-        assert bench.line.feed(self.SYNC(2, 1), 1.0) == []
+        assert bench.line.feed(self.sync(2, 1), 1.0) == []
 
     def test_a_servo_that_may_not_answer_breaks_it_too(self) -> None:
         bench = Bench(ids=(1, 2))
         bench.ask(write(2, 68, 0, 1))
-        (reply,) = bench.line.feed(self.SYNC(1, 2), 1.0)
+        (reply,) = bench.line.feed(self.sync(1, 2), 1.0)
         assert len(reply.data) == 16
 
     def test_a_refused_block_keeps_its_length(self) -> None:

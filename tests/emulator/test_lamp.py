@@ -9,6 +9,7 @@ import pytest
 
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
+from robolamp.dynamixel.registers import Name
 from robolamp.emulator.lamp import EmulatedLamp
 from robolamp.emulator.reality import Reality, load_reality
 from robolamp.errors import FileError, RobolampError
@@ -122,6 +123,30 @@ def test_unbent_it_moves_as_the_twin_does() -> None:
         twin.step(10)
         difference.append(np.abs(client.lamp.plant.angle - twin.angle))
     assert np.mean(difference) < 0.5e-3
+
+
+def time_to_goal(late: float) -> float:
+    """The mean time at which the neck covers its way to a goal that comes so late into a physics step [s]."""
+    lamp = EmulatedLamp(LAMP, CALIBRATION, ASSETS, NONE, clamped=True)
+    neck = lamp.servos[2]
+    for servo in lamp.servos:
+        servo.write(64, b"\x01", 0.0)
+    lamp.advance_to(0.3)
+    goal = neck.register(Name.GOAL_POSITION) + 60
+    angles: list[float] = []
+    lamp.watch(lambda lamp: angles.append(lamp.plant.angle[2]))
+    lamp.advance_to(0.3 + late)
+    neck.write(116, goal.to_bytes(4, "little"), 0.3 + late)
+    lamp.advance_to(0.7)
+    missing = angles[-1] - np.array(angles)
+    return float(missing.sum() / missing[0]) * lamp.timestep
+
+
+def test_a_goal_acts_from_when_it_comes() -> None:
+    """Not from a step's boundary: every goal of a run would be early, or late, by the same part of a step."""
+    late = [0.0004, 0.001, 0.0016]
+    found = [time_to_goal(each) for each in [0.0, *late]]
+    assert [each - found[0] for each in found[1:]] == pytest.approx(late, abs=0.0001)
 
 
 def test_the_p_gain_register_acts() -> None:

@@ -41,6 +41,7 @@ def test_the_sdk_reads_and_writes() -> None:
     port, packets = lockstep.servo_port, PacketHandler(2.0)
     found, result = packets.broadcastPing(port)
     assert result == COMM_SUCCESS
+    assert found
     assert sorted(found) == [1, 2, 3]
     assert packets.ping(port, 2)[0] == 1200
     assert packets.write2ByteTxRx(port, 1, 84, 800) == (COMM_SUCCESS, 0)
@@ -128,6 +129,18 @@ def test_an_unplugged_port_comes_back() -> None:
     lockstep.clock.sleep_until(1.6)
     assert port.openPort()
     assert PacketHandler(2.0).ping(port, 1)[1] == COMM_SUCCESS
+
+
+def test_a_port_is_unplugged_by_the_clients_clock() -> None:
+    """Servos are ahead of the client, at the end of the packet that it is still sending."""
+    at = 1.0 + 5 * BYTE
+    _, lockstep = rig(Faults("x", events=(Event("unplugged", at=at, lasts=1.0),)))
+    lockstep.clock.sleep_until(1.0)
+    lockstep.servo_port.writePort(read(1, 132, 4))
+    assert lockstep.servo_port.getBytesAvailable() == 0
+    lockstep.clock.sleep_until(at)
+    with pytest.raises(OSError, match="error"):
+        lockstep.servo_port.getBytesAvailable()
 
 
 def hop(faults: Faults | None = None) -> tuple[RunResult, list[Tick], EmulatedLamp]:

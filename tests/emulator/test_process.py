@@ -12,10 +12,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 import serial
-from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHandler, PortHandler
+from dynamixel_sdk import (
+    COMM_SUCCESS,
+    GroupSyncRead,
+    GroupSyncWrite,
+    PacketHandler,
+    PortHandler,
+    Protocol2PacketHandler,
+)
 from mcap.exceptions import EndOfFile
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
@@ -45,7 +53,7 @@ def ports() -> Iterator[dict[str, str]]:
 
 
 @contextmanager
-def sdk(port: str, baud: int = 1_000_000) -> Iterator[tuple[PortHandler, PacketHandler]]:
+def sdk(port: str, baud: int = 1_000_000) -> Iterator[tuple[PortHandler, Protocol2PacketHandler]]:
     handler = PortHandler(port)
     assert handler.openPort()
     try:
@@ -146,8 +154,8 @@ def test_the_foot_sends_fresh_frames_without_gaps(ports: dict[str, str]) -> None
     assert all(0 <= force < 20_000 for _, force in seen)
 
 
-def messages(path: Path) -> dict[str, list[object]]:
-    found: dict[str, list[object]] = {}
+def messages(path: Path) -> dict[str, list[tuple[int, Any]]]:
+    found: dict[str, list[tuple[int, Any]]] = {}
     factory, schemas, channels = DecoderFactory(), {}, {}
     with path.open("rb") as stream:
         try:

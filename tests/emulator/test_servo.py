@@ -102,7 +102,7 @@ def test_a_block_is_read_with_its_gaps_as_zeros() -> None:
     assert answer.data[1] == 0
 
 
-@pytest.mark.parametrize("code", [0x07, 0x20, 0x8A, 0x92, 0xEE])
+@pytest.mark.parametrize("code", [0x07, 0x8A, 0x92, 0xEE])
 def test_instructions_it_does_not_know(code: int) -> None:
     assert Bench().ask(instruction(1, code)).error == INSTRUCTION
 

@@ -20,5 +20,7 @@ class Unbuffered:
 
 
 sys.stdout = Unbuffered()
-sys.modules["micropython"] = types.SimpleNamespace(kbd_intr=lambda _: None)
+micropython = types.ModuleType("micropython")
+micropython.kbd_intr = lambda _: None
+sys.modules["micropython"] = micropython
 runpy.run_path(sys.argv[1])

@@ -108,3 +108,10 @@ def test_lost_frames_are_counted_over_the_wrap(first: int, second: int, lost: in
     decoder = Decoder()
     decoder.feed(encode(Frame(first, 0, 0.0)) + encode(Frame(second, 0, 0.0)))
     assert decoder.lost == lost
+
+
+def test_a_frame_that_comes_twice_is_no_loss() -> None:
+    decoder = Decoder()
+    frames = [encode(Frame(sequence, sequence * 2000, 1.0)) for sequence in (7, 7, 8, 10)]
+    decoder.feed(b"".join(frames))
+    assert (decoder.frames, decoder.repeated, decoder.lost) == (4, 1, 1)

@@ -17,6 +17,7 @@ from robolamp.lamp import Lamp
 from robolamp.robot.lamp import RobotLamp
 from robolamp.runtime.clock import MonotonicClock
 from robolamp.runtime.loop import run
+from robolamp.runtime.release import RELEASE_TIME
 from robolamp.signals import Interventions, Observation, Tick
 
 
@@ -73,7 +74,7 @@ def test_a_lamp_that_dies_ends_the_run(number: signal.Signals) -> None:
             process.send_signal(signal.SIGCONT)
     assert result.ended == "cut"
     assert len(ticks) < 45
-    assert ended[1] - ended[0] < 2.0
+    assert ended[1] - ended[0] < 3.0 + RELEASE_TIME
     assert all(np.isnan(tick.observation.angle).all() for tick in ticks[32:])
     assert set(backend.left_on) == set(LAMP.names)
 

@@ -8,12 +8,14 @@ import pytest
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.controller.pilot import PilotStep
-from robolamp.emulator.faults import Event, Faults
+from robolamp.dynamixel.registers import Name
+from robolamp.emulator.faults import Event, Faults, Rates
 from robolamp.emulator.lamp import EmulatedLamp
 from robolamp.emulator.lockstep import Lockstep
 from robolamp.emulator.reality import load_reality
 from robolamp.lamp import load_lamp
 from robolamp.robot.lamp import RobotLamp
+from robolamp.robot.shadow import ShadowLamp
 from robolamp.runtime.loop import run
 from robolamp.runtime.result import RunResult
 from robolamp.signals import Interventions, Observation, Tick
@@ -98,6 +100,22 @@ def test_a_port_that_comes_back_is_taken_up_again_if_told(lasts: float) -> None:
     assert not world.plant.truth().fallen
 
 
+def test_a_run_that_only_watches_goes_on_after_a_replug() -> None:
+    script = Faults("script", events=(Event("unplugged", at=2.5, lasts=0.5, port="servo"),))
+    world = EmulatedLamp(
+        LAMP, load_calibration(Assets()), Assets(), load_reality("none", LAMP, Assets()), faults=script
+    )
+    ports = Lockstep(world, LAMP.bus_baud)
+    robot = RobotLamp(LAMP, ports.servo_port, ports.foot_port, ports.clock)
+    robot.open()
+    torque: set[int] = set()
+    world.watch(lambda lamp: torque.update(servo.register(Name.TORQUE_ENABLE) for servo in lamp.servos))
+    shadow = ShadowLamp(robot, LAMP)
+    result = run(shadow, Still(), LAMP, duration=1.0, powered=False, reconnect=robot.reconnect)
+    robot.close()
+    assert (result.ended, result.replugs, torque) == ("finished", 1, {0})
+
+
 def test_a_port_that_comes_back_untold_ends_the_run() -> None:
     result, _, robot, _ = go(Event("unplugged", at=2.5, lasts=60.0, port="servo"))
     assert (result.ended, result.replugs) == ("cut", 0)
@@ -109,3 +127,68 @@ def test_a_run_with_faults_repeats_exactly() -> None:
     assert [tick.read_done for tick in runs[0]] == [tick.read_done for tick in runs[1]]
     for one, other in zip(*runs, strict=True):
         np.testing.assert_array_equal(one.observation.angle, other.observation.angle)
+
+
+def test_an_instruction_that_is_damaged_is_told() -> None:
+    _, clean, _, _ = go()
+    tick = [tick for tick in clean if tick.phase == "landing"][20]  # on the move: no two goals are the same
+    for at, text in (
+        (tick.began - 0.001, "ankle: answered only when asked again"),  # the reading
+        (tick.read_done - 0.0001, "knee: a goal did not arrive"),  # the goals: told by the next reading
+    ):
+        result, ticks, _, _ = go(Event("corrupted", at=at))
+        told = [index for index, seen in enumerate(ticks) if text in seen.observation.faults]
+        assert (result.ended, told) == ("finished", [tick.index + text.endswith("arrive")])
+
+
+def test_an_answer_that_comes_twice_is_told() -> None:
+    _, ticks, _, _ = go(Event("duplicated", at=2.5, stream="status"))
+    told = [tick for tick in ticks if "bus: bytes that nobody asked for" in tick.observation.faults]
+    assert len(told) == 1
+    assert 2.5 < told[0].began < 2.55
+
+
+@pytest.mark.parametrize(
+    ("what", "said"), [("dropped", "frames lost"), ("corrupted", "damaged bytes"), ("duplicated", "frames repeated")]
+)
+def test_what_happens_to_the_foots_frames_is_told(what: str, said: str) -> None:
+    result, ticks, _, _ = go(Event(what, at=2.5, stream="foot", packets=3))
+    assert result.ended == "finished"
+    assert f"foot: {said}" in {text for tick in ticks for text in tick.observation.faults}
+
+
+def test_a_servo_that_lost_its_id_is_without_torque_at_the_end() -> None:
+    result, _, _, world = go(Event("id_lost", at=2.5, servo=2, id=9))
+    assert result.ended == "cut"  # nobody confirms it
+    assert "torque may still be on: knee" in result.reason
+    assert [servo.register(Name.TORQUE_ENABLE) for servo in world.servos] == [0, 0, 0]
+
+
+def test_a_port_that_comes_back_untold_is_used_to_turn_torque_off() -> None:
+    result, _, robot, world = go(Event("unplugged", at=2.5, lasts=1.0, port="servo"))
+    assert (result.ended, result.replugs) == ("cut", 0)
+    assert robot.left_on == ()
+    assert [servo.register(Name.TORQUE_ENABLE) for servo in world.servos] == [0, 0, 0]
+
+
+def test_the_error_byte_of_every_answer_is_kept() -> None:
+    _, ticks, _, _ = go(Event("overload", at=2.5, servo=2))
+    bytes_of_knee = {int(tick.observation.health.error[1]) for tick in ticks}
+    assert bytes_of_knee == {0x00, 0x80}
+    assert {int(tick.observation.health.error[0]) for tick in ticks} == {0x00}
+
+
+def test_noise_on_every_line_never_gives_a_wrong_register() -> None:
+    for seed in range(3):
+        rates = Rates(duplicated=0.2, late=0.2, late_by=0.01)
+        world = EmulatedLamp(
+            LAMP,
+            load_calibration(Assets()),
+            Assets(),
+            load_reality("none", LAMP, Assets()),
+            faults=Faults("noise", seed, {"status": rates}),
+        )
+        ports = Lockstep(world, LAMP.bus_baud)
+        robot = RobotLamp(LAMP, ports.servo_port, ports.foot_port, ports.clock)
+        robot.open()  # reads some sixty registers; a wrong one would be refused
+        robot.close()

@@ -42,6 +42,7 @@ class FakeLamp:
         self.spoil = spoil
         self.refuse: Exception | None = None
         self.read_time = 0.002
+        self.force = 1.99  # N
 
     def open(self) -> None:
         pass
@@ -57,8 +58,9 @@ class FakeLamp:
         self.clock.sleep_until(self.clock.now() + self.read_time)
         health = Health(np.full(N, 5.0), np.full(N, 30.0), np.zeros(N), np.full(N, int(self.on)), np.zeros(N, np.int64))
         observation = Observation(
-            self.clock.now(), self.angle.copy(), np.zeros(N), np.zeros(N), np.zeros(N), 2.0, 0.001, health
+            self.clock.now(), self.angle.copy(), np.zeros(N), np.zeros(N), np.zeros(N), self.force, 0.001, health
         )
+        self.force = 4.0 - self.force  # a floor's force is never quite the same twice
         if self.spoil:
             self.spoil(observation)
         return observation

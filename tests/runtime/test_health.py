@@ -5,7 +5,17 @@ from collections.abc import Callable
 
 import pytest
 
-from robolamp.runtime.health import ANGLE_AGE, FOOT_AGE, FOOT_AGE_STOP, TEMPERATURE, VOLTAGE_TIME, Guard, Verdict
+from robolamp.runtime.health import (
+    ANGLE_AGE,
+    FOOT_AGE,
+    FOOT_AGE_STOP,
+    FOOT_STUCK,
+    FOOT_STUCK_AIR,
+    TEMPERATURE,
+    VOLTAGE_TIME,
+    Guard,
+    Verdict,
+)
 from robolamp.signals import Observation
 
 from .fake import LAMP, FakeLamp
@@ -133,3 +143,35 @@ def test_torque_off_is_no_fault_where_it_is_meant_to_be() -> None:
     guard = Guard(LAMP, powered=False)
     assert guard.check(observation(change("torque", 0))) == Verdict.GO
     assert not guard.faults
+
+
+@pytest.mark.parametrize(
+    ("force", "moves", "lasts", "verdict"),
+    [
+        (2.0, 0.2, FOOT_STUCK * 0.9, Verdict.GO),
+        (2.0, 0.2, FOOT_STUCK * 1.3, Verdict.LAND),
+        (2.0, 0.01, 5.0, Verdict.GO),  # it stands still: a quiet sensor may show the same
+        (0.0, 0.2, FOOT_STUCK_AIR * 0.9, Verdict.GO),
+        (0.0, 0.2, FOOT_STUCK_AIR * 1.1, Verdict.LAND),
+    ],
+)
+def test_a_force_that_never_changes_while_the_lamp_moves_is_stuck(
+    force: float, moves: float, lasts: float, verdict: Verdict
+) -> None:
+    guard, worst = Guard(LAMP), Verdict.GO
+    for step in range(round(lasts / 0.02) + 1):
+        seen = observation()
+        seen.time, seen.foot_force = step * 0.02, force
+        seen.angle[1] = moves * (step % 2)
+        worst = max(worst, guard.check(seen))
+    assert worst == verdict
+    assert bool(guard.faults) == bool(verdict)
+
+
+def test_a_force_is_not_stuck_for_what_nobody_saw() -> None:
+    guard = Guard(LAMP)
+    for time, angle in ((0.0, 0.0), (0.02, 0.0), (1.0, 0.5)):  # the port was away meanwhile
+        seen = observation()
+        seen.time, seen.foot_force = time, 2.0
+        seen.angle[1] = angle
+        assert guard.check(seen) == Verdict.GO

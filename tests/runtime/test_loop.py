@@ -10,8 +10,11 @@ import pytest
 from robolamp.errors import BusError, SafetyError
 from robolamp.robot.lamp import WATCHDOG
 from robolamp.runtime.health import ANGLE_AGE
-from robolamp.runtime.loop import LANDING, REPLUG_TIME, START_HOLD, START_MOVE, run, smooth
+from robolamp.runtime.loop import LANDING, START_HOLD, START_MOVE, run
+from robolamp.runtime.release import RELEASE_TIME
+from robolamp.runtime.replug import REPLUG_TIME
 from robolamp.runtime.schedule import MAX_PERIOD
+from robolamp.runtime.softly import smooth
 from robolamp.runtime.stop import StopRequest
 from robolamp.signals import Command, Observation, Tick
 
@@ -300,7 +303,9 @@ def test_all_joints_lost_cuts() -> None:
     result = run(lamp, Wave(), LAMP, on_tick=ticks.append)
     assert (result.ended, result.reason) == ("cut", f"no servo has answered for {ANGLE_AGE:g} s")
     assert ticks[-1].phase == "run"
-    assert lamp.torques == [True, False]
+    assert lamp.torques[0] is True
+    assert not any(lamp.torques[1:])  # told again and again, for RELEASE_TIME
+    assert lamp.clock.now() - ticks[-1].began == pytest.approx(RELEASE_TIME, abs=0.2)
     assert result.faults["knee: torque perhaps still on at the end"] == 1
 
 
@@ -433,14 +438,17 @@ def test_a_port_that_comes_back_untold_ends_the_run() -> None:
     lamp = Unplugged(2.5, 3.5)
     result = run(lamp, Wave(), LAMP, duration=1.0)
     assert (result.ended, result.replugs) == ("cut", 0)
-    assert lamp.torques == [True, False]
+    assert lamp.torques[0] is True
+    assert not any(lamp.torques[1:])
+    assert lamp.clock.now() >= 3.5  # it came back, and was told
+    assert "torque" not in result.reason
 
 
 def test_a_port_that_stays_away_ends_the_run() -> None:
     lamp = Unplugged(2.5, 1000.0)
     result = run(lamp, Wave(), LAMP, duration=1.0, reconnect=lamp.reconnect)
     assert result.ended == "cut"
-    assert lamp.clock.now() - lamp.gone == pytest.approx(REPLUG_TIME, abs=0.5)
+    assert lamp.clock.now() - lamp.gone == pytest.approx(REPLUG_TIME + RELEASE_TIME, abs=0.5)
 
 
 def test_a_stop_while_the_port_is_away_ends_the_run() -> None:
@@ -451,7 +459,7 @@ def test_a_stop_while_the_port_is_away_ends_the_run() -> None:
         return False
 
     assert run(lamp, Wave(), LAMP, duration=1.0, reconnect=reconnect, stop=stop).ended == "cut"
-    assert lamp.clock.now() - lamp.gone < 1.0
+    assert lamp.clock.now() - lamp.gone < 1.0 + RELEASE_TIME
 
 
 def test_a_run_that_only_watches_never_turns_torque_on() -> None:

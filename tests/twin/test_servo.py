@@ -83,14 +83,18 @@ def test_motors_changed_while_running_equal_motors_compiled_so() -> None:
 def test_load_dependent_friction_follows_its_formula() -> None:
     rng = np.random.default_rng(2)
     lanes, nv = 7, TWIN.model.nv
-    coefficients = rng.uniform(0, 0.3, (lanes, N, 6)) + np.array([0, 0, 3, 0, 0, 0])
+    coefficients = rng.uniform(0, 0.3, (lanes, N, 9)) + np.array([0, 0, 3, 0, 0, 0, 0, 0.7, 0])
     motor, bias, velocity = rng.normal(size=(3, lanes, nv))
     loss = np.full((lanes, nv), -1.0)
     friction_loss(coefficients, TWIN.dof, motor, bias, velocity, loss)
-    coulomb, stribeck, slowness, by_motor, by_load, by_load_still = np.moveaxis(coefficients, 2, 0)
+    coulomb, stribeck, slowness, by_motor, by_load, by_load_still, by_motor_still, exponent, uneven = np.moveaxis(
+        coefficients, 2, 0
+    )
     load, tau, w = -bias[:, TWIN.dof], motor[:, TWIN.dof], velocity[:, TWIN.dof]
-    still = np.exp(-np.abs(w) * slowness)
-    expected = coulomb + np.abs(by_load * load - by_motor * tau) + still * (stribeck + by_load_still * np.abs(load))
+    still = np.exp(-((np.abs(w) * slowness) ** exponent))
+    sticking = stribeck + by_load_still * np.abs(load) + by_motor_still * np.abs(tau)
+    expected = coulomb + np.abs(by_load * load - by_motor * tau) + still * sticking
+    expected *= 1 + uneven * np.sign(w)
     np.testing.assert_allclose(loss[:, TWIN.dof], expected, rtol=1e-13)
     assert (np.delete(loss, TWIN.dof, axis=1) == -1.0).all()  # the base has no servo friction
 

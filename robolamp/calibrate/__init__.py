@@ -1,0 +1,1 @@
+"""Calibration: recordings of real servos, the parameters that explain them, and how well they do."""

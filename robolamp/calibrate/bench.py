@@ -1,0 +1,266 @@
+"""A servo with a pendulum on its shaft, in MuJoCo: many recordings and many parameter sets at once, open loop.
+
+The motor is `robolamp.twin.servo`'s, the same kernels that the lamp's twin calls before each step. A goal that changes
+between two steps counts in each for its share, so that results are smooth in the delay.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numba import njit
+from numpy.typing import NDArray
+
+from robolamp.calibrate.pendulum import (
+    COLUMN,
+    FIRM,
+    OPEN,
+    POINT,
+    QUICK,
+    TIMESTEP,
+    Track,
+    goal_of_step,
+    require_pendulum,
+)
+from robolamp.calibrate.recordings import COUNTS_PER_RADIAN, FULL_DUTY, Recording
+from robolamp.twin.servo import friction_loss, weaken
+
+Array = NDArray[np.float64]
+
+_R, _KP, _KD, _VMAX = 0, 4, 6, 7  # columns of a dcmotor's actuator_gainprm
+_DOF = np.zeros(1, np.int64)
+
+
+class Bench:
+    """Recordings that can be simulated with any parameters, again and again.
+
+    Args:
+        recordings: Pendulum recordings.
+        timestep: Physics step [s].
+        workers: Threads; None: one for each core.
+
+    Attributes:
+        recordings: The recordings.
+        steps: Physics steps taken so far.
+
+    Raises:
+        FileError: A recording is not of a pendulum, or has no voltage.
+    """
+
+    def __init__(
+        self, recordings: Sequence[Recording], *, timestep: float = TIMESTEP, workers: int | None = None
+    ) -> None:
+        require_pendulum(recordings)
+        self.recordings = list(recordings)
+        self.timestep = timestep
+        self.workers = workers or len(os.sched_getaffinity(0))
+        self.steps = 0
+        self._model = _model(timestep)
+        self._tracks = [Track(recording, timestep) for recording in recordings]
+
+    def simulate(self, parameters: Array, which: Sequence[int] | None = None) -> list[Array]:
+        """Simulate recordings from their first sample to their last.
+
+        Args:
+            parameters: Parameter sets, shape (m, len(PARAMETERS)).
+            which: Indices of the recordings; None: all.
+
+        Returns:
+            For each of them the angles that the encoder would have read at its samples, shape (m, k) [rad].
+        """
+        chosen = range(len(self.recordings)) if which is None else which
+        jobs = [(index, row) for index in chosen for row in range(len(parameters))]
+        # Long ones first, dealt out in turn: the threads end together.
+        jobs.sort(key=lambda job: -self._tracks[job[0]].steps)
+        count = min(self.workers, len(jobs))
+        shares = [jobs[first::count] for first in range(count)]
+        results: dict[tuple[int, int], Array] = {}
+        if count == 1:
+            results.update(self._run(jobs, parameters))
+        else:
+            with ThreadPoolExecutor(count) as pool:
+                for part in pool.map(lambda share: self._run(share, parameters), shares):
+                    results.update(part)
+        self.steps += sum(self._tracks[index].steps for index, _ in jobs)
+        return [np.stack([results[index, row] for row in range(len(parameters))]) for index in chosen]
+
+    def _run(self, jobs: list[tuple[int, int]], parameters: Array) -> dict[tuple[int, int], Array]:
+        tracks = [self._tracks[index] for index, _ in jobs]
+        lanes, longest = len(jobs), max(track.steps for track in tracks)
+        sets = np.ascontiguousarray(parameters[[row for _, row in jobs]])
+        batch = Batch(self._model, lanes, 1)
+        _set_constants(batch, tracks, sets)
+        qpos, qvel, ctrl = batch.bind("qpos"), batch.bind("qvel"), batch.bind("ctrl")
+        motor, bias = batch.bind("qfrc_actuator"), batch.bind("qfrc_bias")
+        loss, gain, damping = (
+            batch.expand(name) for name in ("dof_frictionloss", "actuator_gainprm", "actuator_damping")
+        )
+        # Inside, the angle is the pendulum's own; the encoder's differs by its offset.
+        offset = sets[:, COLUMN["encoder_offset"]]
+        qpos[:, 0] = np.array([track.start[0] for track in tracks]) - offset
+        qvel[:, 0] = np.array([track.start[1] for track in tracks])
+        batch.forward()
+        inputs = _Inputs(tracks)
+        friction, weakness = _coefficients(sets)
+        angles = np.empty((longest + 1, lanes))
+        angles[0] = qpos[:, 0]
+        alive = every = np.arange(lanes)
+        ends = np.array([track.steps for track in tracks])
+        due = set(ends.tolist())
+        for step in range(longest):
+            if step in due:
+                alive = every[ends > step]
+            inputs.drive(step * self.timestep, self.timestep, sets, ctrl, gain, damping, weakness)
+            weaken(weakness, _DOF, _DOF, motor, qvel, gain)
+            friction_loss(friction, _DOF, motor, bias, qvel, loss)
+            batch.step(alive, 1)
+            angles[step + 1] = qpos[:, 0]
+        found = {}
+        for lane, (job, track) in enumerate(zip(jobs, tracks, strict=True)):
+            found[job] = np.interp(track.samples, track.grid, angles[: track.steps + 1, lane]) + offset[lane]
+        return found
+
+
+class _Inputs:
+    """The tracks of all lanes as arrays of one length, shape (lanes, samples + 1), and the goal and sample in force."""
+
+    def __init__(self, tracks: Sequence[Track]) -> None:
+        width = max(len(track.samples) for track in tracks) + 1
+        self._arrays: list[Array] = []
+        for column in range(len(tracks[0].arrays)):
+            rows = np.stack([np.pad(t.arrays[column], (0, width - len(t.samples) - 1), mode="edge") for t in tracks])
+            self._arrays.append(rows)
+        self._cursor = np.zeros((len(tracks), 2), np.int64)
+
+    def drive(
+        self, now: float, timestep: float, sets: Array, ctrl: Array, gain: Array, damping: Array, weakness: Array
+    ) -> None:
+        """Give every lane what its servo is told and fed in the next step; see `_drive`."""
+        times, goals, samples, volts, warmth, torque, p_gain = self._arrays
+        _drive(
+            now, timestep, sets, times, goals, samples, volts, warmth, torque, p_gain, self._cursor,
+            ctrl, gain, damping, weakness,
+        )  # fmt: skip
+
+
+def _model(timestep: float) -> mujoco.MjModel:
+    spec = mujoco.MjSpec()
+    spec.option.timestep = timestep
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    body = spec.worldbody.add_body(name="pendulum")
+    body.add_joint(
+        name="shaft", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, -1, 0],
+        frictionloss=1e-6, solref_friction=[QUICK, 1.0], solimp_friction=[FIRM, FIRM, 0.001, 0.5, 2.0],
+    )  # fmt: skip
+    body.explicitinertial, body.mass, body.ipos, body.inertia = True, 1.0, [0.0, 0.0, -0.1], [POINT] * 3
+    actuator = spec.add_actuator(name="servo", target="shaft", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    actuator.set_to_dcmotor(
+        motorconst=[1.0, 1.0],
+        resistance=1.0,
+        controller=[1.0, 0.0, 1.0, 0.0, 0.0, 1.0],
+        ctrlspec=int(mujoco.mjtCtrlInput.mjINPUT_POS),
+    )
+    return spec.compile()
+
+
+def _set_constants(batch: Batch, tracks: Sequence[Track], sets: Array) -> None:
+    """Give each lane its pendulum and what its servo keeps all along."""
+    batch.expand("body_mass")[:, 1] = [track.mass for track in tracks]
+    batch.expand("body_ipos")[:, 1, 2] = [-track.length for track in tracks]
+    batch.expand("actuator_armature")[:, 0] = sets[:, COLUMN["armature"]]
+    k = sets[:, COLUMN["torque_constant"]]
+    batch.expand("actuator_gainprm")[:, 0, 1] = k
+    batch.expand("actuator_gainprm")[:, 0, _R] = OPEN
+    batch.set_const()
+
+
+def _coefficients(sets: Array) -> tuple[Array, Array]:
+    """Return what `friction_loss` and `weaken` take, shapes (lanes, 1, 9) and (lanes, 1, 5)."""
+
+    def column(name: str) -> Array:
+        return sets[:, COLUMN[name]]
+
+    friction = [
+        column("coulomb"), column("stribeck"), 1.0 / column("stribeck_velocity"), column("load_motor"),
+        column("load_external"), column("load_external_stribeck"), column("load_motor_stribeck"),
+        column("stribeck_exponent"), column("asymmetry"),
+    ]  # fmt: skip
+    names = ("torque_constant", "resistance", "saturation", "supply_resistance", "resistance")
+    weakness = [column(name) for name in names]
+    return np.stack(friction, axis=1)[:, None], np.stack(weakness, axis=1)[:, None]
+
+
+_K, _RESISTANCE, _VISCOUS, _DIVISOR, _DELAY, _WARM_R, _WARM_B, _SATURATION, _SUPPLY, _OFFSET = (
+    COLUMN[name]
+    for name in (
+        "torque_constant", "resistance", "viscous", "gain_divisor", "delay", "resistance_temperature",
+        "viscous_temperature", "saturation", "supply_resistance", "encoder_offset",
+    )
+)  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _drive(
+    time: float,
+    timestep: float,
+    sets: Array,
+    times: Array,
+    goals: Array,
+    samples: Array,
+    volts: Array,
+    warmth: Array,
+    torque: Array,
+    p_gain: Array,
+    cursor: NDArray[np.int64],
+    ctrl: Array,
+    gain: Array,
+    damping: Array,
+    weakness: Array,
+) -> None:
+    """Give every lane what its servo is told and fed in the next step.
+
+    Args:
+        time: Since the first sample [s].
+        timestep: Of the physics [s].
+        sets: Parameter sets, shape (lanes, len(PARAMETERS)).
+        times: When each goal was sent, shape (lanes, k) [s], infinite beyond the end.
+        goals: Shape (lanes, k) [rad].
+        samples: When each sample was taken, shape (lanes, k) [s], infinite beyond the end.
+        volts: Supply at each sample [V].
+        warmth: Degrees above the reference temperature at each sample.
+        torque: Torque Enable with each goal.
+        p_gain: Position P Gain with each goal.
+        cursor: The goal and the sample in force, shape (lanes, 2); written to.
+        ctrl: Shape (lanes, 1); written to.
+        gain: `actuator_gainprm`, shape (lanes, 1, 10); written to.
+        damping: `actuator_damping`, shape (lanes, 1); written to.
+        weakness: What `weaken` takes, shape (lanes, 1, 5); written to.
+    """
+    for lane in range(sets.shape[0]):
+        values = sets[lane]
+        begin = time - values[_DELAY]
+        goal, at = goal_of_step(times[lane], goals[lane], cursor[lane, 0], begin, begin + timestep)
+        cursor[lane, 0] = at
+        row = cursor[lane, 1]
+        while samples[lane, row + 1] <= time:
+            row += 1
+        cursor[lane, 1] = row
+        motor = gain[lane, 0]
+        warm = warmth[lane, row]
+        resistance = values[_RESISTANCE] * max(1.0 + values[_WARM_R] * warm, 0.1)
+        weakness[lane, 0, 1] = resistance
+        damping[lane, 0] = values[_VISCOUS] * np.exp(values[_WARM_B] * warm)
+        if torque[lane, at] == 0.0:
+            motor[_R], motor[_KP], motor[_KD] = OPEN, 0.0, 0.0
+            continue
+        if motor[_R] == OPEN or (values[_SATURATION] == 0.0 and values[_SUPPLY] == 0.0):
+            motor[_R] = resistance
+        k, volt = values[_K], volts[lane, row]
+        kv = p_gain[lane, at] * COUNTS_PER_RADIAN / (values[_DIVISOR] * FULL_DUTY) * volt
+        motor[_KP], motor[_KD], motor[_VMAX] = kv * k / motor[_R], k * k / motor[_R], volt
+        ctrl[lane, 0] = goal - values[_OFFSET]

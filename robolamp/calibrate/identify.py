@@ -1,0 +1,215 @@
+"""One fit: nonlinear least squares over recordings, robust, with priors, and what it leaves uncertain.
+
+    sum over samples of w delta^2 (sqrt(1 + (r / delta)^2) - 1) / s^2  +  1/2 sum z^2
+
+with residuals r [rad] and parameters z in standard deviations of their priors. Residuals of neighbouring samples say
+the same, so that a recording counts as its duration by their correlation time.
+
+`mujoco.minimize.least_squares` does it: bounded, and its Jacobian may be computed for all columns at once. scipy would
+be one more dependency.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import mujoco.minimize
+import numpy as np
+from numpy.typing import NDArray
+
+from robolamp.calibrate.ladder import Chart
+from robolamp.calibrate.pendulum import Pendulum, parameter_set
+
+Array = NDArray[np.float64]
+
+SCALE = 0.015
+"""What a residual is measured in at first [rad]: what a good model leaves."""
+
+CORRELATION_TIME = 0.25
+"""For how long residuals of a servo resemble each other, at first [s]."""
+
+_ROBUST = 2.0  # delta, in scales: where an arm came to rest elsewhere, the residual stays for seconds
+_FINE = 0.5  # a fit that leaves less than this share of SCALE is done again in what it leaves
+# No servo is known better than to a count, and for neighbouring samples the rounding is alike: without these two, exact
+# recordings tell apart by the fifth digit what no recording of a real servo does.
+_FLOOR = 2 * np.pi / 4096  # [rad]
+_ALIKE = 0.02  # [s]
+_STEPS = (0.02, 0.1, 0.02, 0.005)  # of finite differences, in standard deviations of the prior
+_ENOUGH = 0.99  # of the objective: what is left after another round that is not worth the next
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What a fit found.
+
+    Attributes:
+        chart: The coordinates.
+        z: Parameters, shape (n,).
+        objective: What was minimised.
+        covariance: Of z, prior included, shape (n, n).
+    """
+
+    chart: Chart
+    z: Array
+    objective: float
+    covariance: Array
+
+    @property
+    def values(self) -> dict[str, float]:
+        """All parameters by name."""
+        return self.chart.complete(self.z)
+
+
+class _Norm(mujoco.minimize.Norm):
+    """Robust over the first samples of a residual vector, quadratic over the priors behind them."""
+
+    def __init__(self, weights: Array) -> None:
+        self._weights = weights[:, None]
+        self._delta = _ROBUST
+
+    def value(self, r: Array) -> np.float64:
+        data, prior = r[: len(self._weights)], r[len(self._weights) :]
+        cost = self._delta**2 * (np.sqrt(1.0 + (data / self._delta) ** 2) - 1.0)
+        return np.float64((self._weights * cost).sum() + 0.5 * (prior * prior).sum())
+
+    def grad_hess(self, r: Array, proj: Array) -> tuple[Array, Array]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        weights = np.ones_like(r)
+        weights[: len(self._weights)] = self.slack(r[: len(self._weights)])
+        return proj.T @ (weights * r), proj.T @ (weights * proj)
+
+    def slack(self, data: Array) -> Array:
+        """Return the weight of each residual: near 0 where it is far beyond delta."""
+        return self._weights / np.sqrt(1.0 + (data / self._delta) ** 2)
+
+
+class Problem:
+    """Recordings to explain, of which a fit may see a part.
+
+    Args:
+        pendulum: The recordings.
+        which: Those that are fitted; None: all.
+    """
+
+    def __init__(self, pendulum: Pendulum, which: Sequence[int] | None = None) -> None:
+        self._pendulum = pendulum
+        self._which = list(range(len(pendulum.recordings)) if which is None else which)
+        chosen = [pendulum.recordings[index] for index in self._which]
+        self._measured = np.concatenate([recording.angle for recording in chosen])
+        self._length = [len(recording.angle) for recording in chosen]
+        self._duration = [recording.duration for recording in chosen]
+        self._step = _STEPS[0]
+
+    def fit(self, chart: Chart, start: Array, iterations: int = 30) -> Solution:
+        """Fit the chart's parameters from one start.
+
+        Args:
+            chart: What is free.
+            start: Where to begin, shape (n,).
+            iterations: Steps at most.
+        """
+        correlation = np.full(len(self._length), CORRELATION_TIME)
+        solution = self._minimum(chart, np.clip(start, chart.low, chart.high), SCALE, correlation, iterations)
+        size, correlation = self._left(chart, solution.z)
+        if size < _FINE * SCALE:  # what the recordings tell outweighs the priors by more than was assumed
+            return self._minimum(chart, solution.z, size, correlation, iterations)
+        return solution
+
+    def _minimum(self, chart: Chart, start: Array, scale: float, correlation: Array, iterations: int) -> Solution:
+        """Minimise the objective with residuals measured in `scale` [rad]."""
+        norm = _Norm(self._weights(correlation))
+
+        def residual(z: Array) -> Array:
+            return np.vstack([self._errors(chart, z[:, 0][None]).T / scale, z])
+
+        def jacobian(z: Array, r: Array) -> Array:
+            return np.vstack([self._slopes(chart, z[:, 0]) / scale, np.eye(len(z))])
+
+        z, objective = start, np.inf
+        for step in _STEPS:  # over the same valley with another slope: friction makes its floor rough
+            self._step = step
+            found, _ = mujoco.minimize.least_squares(
+                z,
+                residual,
+                bounds=[chart.low, chart.high],
+                jacobian=jacobian,
+                norm=norm,
+                max_iter=iterations,
+                xtol=1e-4,
+                verbose=mujoco.minimize.Verbosity.SILENT,
+                output=io.StringIO(),
+            )
+            z = np.asarray(found, np.float64).reshape(-1)
+            before, objective = objective, float(norm.value(residual(z[:, None])))
+            if objective > _ENOUGH * before:
+                break
+        return Solution(chart, z, objective, self._covariance(chart, z))
+
+    def best(
+        self,
+        chart: Chart,
+        starts: Sequence[Array],
+        iterations: int = 30,
+        told: Callable[[int, float], None] = lambda _start, _objective: None,
+    ) -> Solution:
+        """Fit from several starts and return what explains the recordings best.
+
+        Args:
+            chart: What is free.
+            starts: Where to begin, one or more.
+            iterations: Steps at most, each.
+            told: Called after each with its number and objective.
+        """
+        found = []
+        for number, start in enumerate(starts):
+            found.append(self.fit(chart, start, iterations))
+            told(number, found[-1].objective)
+        return min(found, key=lambda solution: solution.objective)
+
+    def _errors(self, chart: Chart, z: Array) -> Array:
+        sets = np.stack([parameter_set(chart.complete(row)) for row in z])
+        return np.concatenate(self._pendulum.simulate(sets, self._which), axis=1) - self._measured
+
+    def _slopes(self, chart: Chart, z: Array) -> Array:
+        """Return central differences of the errors, shape (samples, n): friction makes one-sided ones rough."""
+        steps = np.eye(len(z)) * self._step
+        up, down = np.minimum(z + steps, chart.high), np.maximum(z - steps, chart.low)
+        errors = self._errors(chart, np.vstack([up, down]))
+        return ((errors[: len(z)] - errors[len(z) :]) / np.diag(up - down)[:, None]).T
+
+    def _weights(self, correlation: Array) -> Array:
+        parts = [
+            np.full(length, max(duration / time, 1.0) / length)
+            for length, duration, time in zip(self._length, self._duration, correlation, strict=True)
+        ]
+        return np.concatenate(parts)
+
+    def _covariance(self, chart: Chart, z: Array) -> Array:
+        """Return the covariance at a solution, from the residuals' own size and correlation."""
+        size, correlation = self._left(chart, z)
+        norm = _Norm(self._weights(correlation))
+        slopes = self._slopes(chart, z) / size
+        information = slopes.T @ (norm.slack(self._errors(chart, z[None]).T / size) * slopes)
+        return np.linalg.inv(information + np.eye(len(z))).astype(np.float64)
+
+    def _left(self, chart: Chart, z: Array) -> tuple[float, Array]:
+        """Return the residuals' root mean square [rad], and each recording's correlation time, shape (k,) [s]."""
+        errors = self._errors(chart, z[None])[0]
+        times = [
+            max(_correlated(part) * duration / len(part), _ALIKE)
+            for part, duration in zip(np.split(errors, np.cumsum(self._length)[:-1]), self._duration, strict=True)
+        ]
+        return max(float(np.sqrt(np.mean(errors**2))), _FLOOR), np.array(times)
+
+
+def _correlated(errors: Array) -> float:
+    """Return for how many samples errors resemble each other: 1 + 2 sum of autocorrelations to the first below 0.05."""
+    centred = errors - errors.mean()
+    power = np.fft.rfft(centred, 2 * len(centred))
+    correlation = np.fft.irfft(power * np.conj(power))[: len(centred)]
+    if correlation[0] <= 0:
+        return 1.0
+    correlation /= correlation[0]
+    below = np.flatnonzero(correlation < 0.05)
+    return float(1.0 + 2.0 * correlation[1 : below[0] if len(below) else len(correlation)].sum())

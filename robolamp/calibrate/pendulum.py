@@ -1,0 +1,290 @@
+"""A servo with a pendulum on its shaft, written out: MuJoCo's own step for one degree of freedom, fifty times as fast.
+
+A fit needs some 10^5 simulated recordings, and a hinge alone leaves MuJoCo's Batch little to be fast with. So the fit
+runs on this, which gives MuJoCo's numbers (`robolamp.calibrate.bench`, a test compares the two), and what is shown of a
+fit is MuJoCo's.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from robolamp.calibrate.recordings import COUNTS_PER_RADIAN, FULL_DUTY, Recording
+from robolamp.calibration import JOINT, SERVO
+from robolamp.errors import FileError
+from robolamp.twin.servo import REFERENCE_TEMPERATURE
+
+Array = NDArray[np.float64]
+
+PARAMETERS = (*SERVO, "encoder_offset")
+"""Columns of a parameter set: a servo's, and what its encoder reads with the pendulum hanging straight down [rad]."""
+
+COLUMN = {name: column for column, name in enumerate(PARAMETERS)}
+"""Where each is."""
+
+TIMESTEP = 0.001
+"""Physics step [s]."""
+
+POINT = 1e-9
+"""Moment of inertia of the weight itself [kg m^2]: its mass counts as a point."""
+
+OPEN = 1e9
+"""Resistance of a winding without torque [Ohm]."""
+
+FIRM = 0.999
+"""MuJoCo's d of the friction constraint: with its 0.9 an arm that friction holds creeps by degrees in seconds."""
+
+QUICK = 0.004
+"""Time constant of the friction constraint [s]: four steps."""
+
+_GRAVITY = 9.81  # MuJoCo's [m/s^2]
+_SMOOTH = 0.5  # see `supply` [s]
+
+
+def parameter_set(values: Mapping[str, float]) -> Array:
+    """Return a parameter set, shape (len(PARAMETERS),), with what `values` lacks at its default.
+
+    Args:
+        values: Parameters by name, in their units.
+    """
+    legal = {**SERVO, **JOINT}
+    found = [values.get(name, legal[name].default) for name in PARAMETERS]
+    return np.array([math.nan if value is None else value for value in found])
+
+
+def supply(recording: Recording) -> Array:
+    """Return the supply that a recording is simulated with, shape (k,) [V]: as read, averaged over half a second.
+
+    A servo samples its supply at whatever phase of its PWM it happens to be, up to a volt above or below what acts.
+    Samples without a reading count as the median of the others.
+
+    Raises:
+        FileError: The recording has no voltage at all.
+    """
+    volts = recording.voltage
+    known = np.isfinite(volts)
+    if not known.any():
+        raise FileError("no supply voltage; expected one with each sample", str(recording.path))
+    volts = np.where(known, volts, np.median(volts[known]))
+    half = max(1, round(_SMOOTH / 2 / float(np.median(np.diff(recording.time)))))
+    padded = np.concatenate([np.full(half, volts[0]), volts, np.full(half, volts[-1])])
+    sums = np.concatenate([[0.0], np.cumsum(padded)])
+    width = 2 * half + 1
+    return (sums[width:] - sums[:-width]) / width
+
+
+def start(recording: Recording) -> tuple[float, float]:
+    """Return the angle [rad] and velocity [rad/s] that a recording begins with."""
+    velocity = recording.velocity[0]
+    return float(recording.angle[0]), float(velocity) if math.isfinite(velocity) else 0.0
+
+
+class Track:
+    """A recording, as it is played: times from its first sample on, one more value than samples.
+
+    Args:
+        recording: The recording.
+        timestep: Physics step [s].
+    """
+
+    def __init__(self, recording: Recording, timestep: float) -> None:
+        begin = recording.time[0]
+        self.samples = recording.time - begin
+        self.steps = math.ceil(self.samples[-1] / timestep)
+        self.grid = np.arange(self.steps + 1) * timestep
+        warmth = recording.temperature - REFERENCE_TEMPERATURE
+        self.arrays = (
+            np.append(recording.goal_time - begin, math.inf),
+            np.append(recording.goal, recording.goal[-1]),
+            np.append(self.samples, math.inf),
+            np.append(supply(recording), math.nan),
+            np.append(np.where(np.isfinite(warmth), warmth, 0.0), math.nan),
+            np.append(recording.torque, False).astype(np.float64),
+            np.append(recording.p_gain, math.nan),
+        )
+        self.start = np.array(start(recording))
+        self.mass, self.length = float(recording.mass or 0.0), float(recording.length or 0.0)
+
+
+class Pendulum:
+    """Recordings that can be simulated with any parameters, again and again.
+
+    Args:
+        recordings: Pendulum recordings.
+        timestep: Physics step [s].
+        workers: Threads; None: one for each core.
+
+    Attributes:
+        recordings: The recordings.
+        steps: Physics steps taken so far.
+
+    Raises:
+        FileError: A recording is not of a pendulum, or has no voltage.
+    """
+
+    def __init__(
+        self, recordings: Sequence[Recording], *, timestep: float = TIMESTEP, workers: int | None = None
+    ) -> None:
+        require_pendulum(recordings)
+        self.recordings = list(recordings)
+        self.timestep = timestep
+        self.steps = 0
+        self._workers = workers or len(os.sched_getaffinity(0))
+        self._tracks = [Track(recording, timestep) for recording in recordings]
+
+    def simulate(self, parameters: Array, which: Sequence[int] | None = None) -> list[Array]:
+        """Simulate recordings from their first sample to their last.
+
+        Args:
+            parameters: Parameter sets, shape (m, len(PARAMETERS)).
+            which: Indices of the recordings; None: all.
+
+        Returns:
+            For each of them the angles that the encoder would have read at its samples, shape (m, k) [rad].
+        """
+        chosen = list(range(len(self.recordings)) if which is None else which)
+        found = [np.empty((len(parameters), len(self._tracks[index].samples))) for index in chosen]
+
+        def work(share: slice) -> None:
+            for index, angles in zip(chosen, found, strict=True):
+                track = self._tracks[index]
+                for values, row in zip(parameters[share], angles[share], strict=True):
+                    _swing(values, track.mass, track.length, self.timestep, track.start, *track.arrays, row)
+
+        if self._workers == 1 or len(parameters) == 1:
+            work(slice(None))
+        else:
+            with ThreadPoolExecutor(self._workers) as pool:
+                list(pool.map(work, [slice(first, None, self._workers) for first in range(self._workers)]))
+        self.steps += len(parameters) * sum(self._tracks[index].steps for index in chosen)
+        return found
+
+
+def require_pendulum(recordings: Sequence[Recording]) -> None:
+    """Refuse recordings of anything but a pendulum.
+
+    Raises:
+        FileError: A recording is not of a pendulum.
+    """
+    for recording in recordings:
+        if not recording.pendulum:
+            raise FileError(
+                "not of a pendulum bench: no mass and length (for a lamp: `robolamp calibrate lamp`)",
+                str(recording.path),
+            )
+
+
+(
+    _K, _RESISTANCE, _ARMATURE, _VISCOUS, _COULOMB, _STRIBECK, _STRIBECK_W, _LOAD_M, _LOAD_E, _LOAD_E_STILL, _DIVISOR,
+    _DELAY, _EXPONENT, _LOAD_M_STILL, _ASYMMETRY, _SATURATION, _SUPPLY, _WARM_R, _WARM_B, _OFFSET,
+) = (
+    COLUMN[name]
+    for name in (
+        "torque_constant", "resistance", "armature", "viscous", "coulomb", "stribeck", "stribeck_velocity",
+        "load_motor", "load_external", "load_external_stribeck", "gain_divisor", "delay", "stribeck_exponent",
+        "load_motor_stribeck", "asymmetry", "saturation", "supply_resistance", "resistance_temperature",
+        "viscous_temperature", "encoder_offset",
+    )
+)  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def goal_of_step(times: Array, goals: Array, at: int, begin: float, end: float) -> tuple[float, int]:
+    """Return the mean goal of a step, each goal counted for its share, and the goal in force at the end.
+
+    Args:
+        times: When each goal arrives [s], the last one infinite.
+        goals: The goals [rad].
+        at: The goal in force so far.
+        begin: Of the step [s].
+        end: Of the step [s].
+    """
+    mean, last = 0.0, begin
+    while times[at + 1] <= end:
+        turn = max(times[at + 1], begin)
+        mean += goals[at] * (turn - last)
+        last, at = turn, at + 1
+    return (mean + goals[at] * (end - last)) / (end - begin), at
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _swing(
+    p: Array,
+    mass: float,
+    length: float,
+    timestep: float,
+    begin: Array,
+    times: Array,
+    goals: Array,
+    samples: Array,
+    volts: Array,
+    warmth: Array,
+    torque: Array,
+    p_gain: Array,
+    angles: Array,
+) -> None:
+    """Simulate one recording with one parameter set; the arrays are those of `Track`.
+
+    implicitfast integration, and the friction constraint in closed form: with one degree of freedom it is
+    clip(-M d (a0 + b w), -loss, loss), b = 2 / (d time constant) (MuJoCo's documentation, "Computation").
+    """
+    inertia = p[_ARMATURE] + mass * length * length + POINT
+    weight, damp = mass * _GRAVITY * length, 2.0 / (FIRM * QUICK)
+    offset, k = p[_OFFSET], p[_K]
+    angle, speed = begin[0] - offset, begin[1]
+    at, row, done, step = 0, 0, 0, 0
+    winding, driving, volt = OPEN, 0.0, 0.0
+    external = -weight * math.sin(angle)
+    weak = p[_SATURATION] != 0.0 or p[_SUPPLY] != 0.0
+    while True:
+        time = step * timestep
+        goal, at = goal_of_step(times, goals, at, time - p[_DELAY], time + timestep - p[_DELAY])
+        while samples[row + 1] <= time:
+            row += 1
+        warm = warmth[row]
+        resistance = p[_RESISTANCE] * max(1.0 + p[_WARM_R] * warm, 0.1)
+        viscous = p[_VISCOUS] * math.exp(p[_WARM_B] * warm)
+        if torque[at] == 0.0:
+            winding = OPEN
+        else:
+            if winding == OPEN or not weak:
+                winding = resistance
+            volt = volts[row]
+            if weak:  # as `robolamp.twin.servo.weaken`
+                drop = driving / k * winding
+                duty = (drop + k * speed) / volt
+                winding = resistance * (1.0 + p[_SATURATION] * abs(drop / resistance))
+                winding += p[_SUPPLY] * min(duty * duty, 1.0)
+        # As `robolamp.twin.servo.friction_loss`, from the torques of the last step.
+        relative = abs(speed) / p[_STRIBECK_W]
+        still = math.exp(-relative if p[_EXPONENT] == 1.0 else -(relative ** p[_EXPONENT]))
+        loss = p[_COULOMB] + abs(p[_LOAD_E] * external - p[_LOAD_M] * driving)
+        loss += still * (p[_STRIBECK] + p[_LOAD_E_STILL] * abs(external) + p[_LOAD_M_STILL] * abs(driving))
+        if p[_ASYMMETRY] != 0.0:
+            heading = speed if speed != 0.0 else external + driving
+            loss *= 1.0 + p[_ASYMMETRY] * np.sign(heading)
+        external = -weight * math.sin(angle)
+        if winding == OPEN:
+            driving = 0.0
+        else:
+            gain = p_gain[at] * COUNTS_PER_RADIAN / (p[_DIVISOR] * FULL_DUTY) * volt
+            applied = min(max(gain * (goal - offset - angle), -volt), volt)
+            driving = k * (applied - k * speed) / winding
+        free = driving + external - viscous * speed
+        friction = min(max(-FIRM * (free + inertia * damp * speed), -loss), loss)
+        speed += timestep * (free + friction) / (inertia + timestep * (viscous + k * k / winding))
+        ahead = angle + timestep * speed
+        step += 1
+        while done < angles.shape[0] and samples[done] <= step * timestep:
+            angles[done] = angle + (ahead - angle) * (samples[done] - time) / timestep + offset
+            done += 1
+        if done == angles.shape[0]:
+            return
+        angle = ahead

@@ -1,0 +1,182 @@
+"""The whole lamp, simulated open loop beside its recordings: many lamps (one a lane) through one recording at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mujoco.batch import MODEL_FIELDS, Batch
+from numpy.typing import NDArray
+
+from robolamp.calibrate.session import LampRecording
+from robolamp.twin.model import TwinModel
+from robolamp.twin.servo import friction_loss, weaken, write_motors
+
+Array = NDArray[np.float64]
+
+SETTLE = 0.4
+"""How long a lamp stands with its first goals before a recording begins [s]."""
+
+_VOLTAGE_TICKS = 5  # readings that a supply voltage is the mean of: it comes in steps of 0.1 V
+_RESIDUAL_OF_CHAOS = 1.0  # what a lane that diverged is off by [rad]: more than any joint can be
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """What k lamps did in one recording of N samples.
+
+    Attributes:
+        angle: Joint angles when they were measured, shape (k, N, n) [rad].
+        force: Floor force on the foot, shape (k, N) [N].
+        base_x: Base centre, shape (k, N) [m].
+        contact_time: Time of each physics step, shape (S,) [s].
+        contact: Whether the floor carried the foot, shape (k, S).
+    """
+
+    angle: Array
+    force: Array
+    base_x: Array
+    contact_time: Array
+    contact: NDArray[np.bool_]
+
+
+def simulate(recording: LampRecording, twins: Sequence[TwinModel]) -> Simulated:
+    """Play a recording's goals to lamps, open loop from its first sample to its last, with its voltage as recorded.
+
+    A goal arrives when it had been sent; the servos' delay follows.
+
+    Args:
+        recording: What to play.
+        twins: The lamps, k variants of one model (clamped where the recording is).
+
+    Returns:
+        What they did; a lamp whose physics diverged is off by 1 rad throughout.
+    """
+    run, twin, lanes = recording.run, twins[0], len(twins)
+    rows, dt = recording.rows, twin.timestep
+    batch = Batch(twin.model, lanes, 1)
+    for name, values in _differing(twins).items():
+        batch.expand(name)[:] = values
+    loss, gainprm = batch.expand("dof_frictionloss"), batch.expand("actuator_gainprm")
+    friction = np.stack([each.servos.friction() for each in twins])
+    weakness = np.stack([each.servos.weakness() for each in twins])
+    weakens = any(each.servos.weakens for each in twins)
+    bind = batch.bind
+    qpos, qvel, ctrl = bind("qpos"), bind("qvel"), bind("ctrl")
+    motor, bias, sensors = bind("qfrc_actuator"), bind("qfrc_bias"), bind("sensordata")
+    voltage = _smooth(run.voltage[rows], twin.voltage)
+    every = np.arange(lanes)
+
+    def motors(volts: Array, torque: bool) -> None:
+        for lane, each in enumerate(twins):
+            block = gainprm[lane, twin.actuator]
+            write_motors(block, each.servos, recording.p_gain, volts, np.full(len(volts), torque))
+            gainprm[lane, twin.actuator] = block
+
+    def advance() -> None:
+        friction_loss(friction, twin.dof, motor, bias, qvel, loss)
+        if weakens:
+            weaken(weakness, twin.dof, twin.actuator, motor, qvel, gainprm)
+        batch.step(every, 1)
+
+    batch.reset()
+    qpos[:] = twin.model.key_qpos[0]
+    qpos[:, twin.qpos] = _first_known(run.angle[rows])
+    ctrl[:, twin.actuator] = run.goal[max(recording.first - 1, 0)]
+    motors(voltage[0], True)
+    for _ in range(round(SETTLE / dt)):
+        advance()
+    # Goals are under way and the foot is on the floor now; the joints fell a little until the goals came.
+    qpos[:, twin.qpos], qvel[:] = _first_known(run.angle[rows]), 0.0
+    begin = float(run.sampled_at[recording.first].min())
+    count = round((float(np.nanmax(run.sampled_at[recording.last])) - begin) / dt) + 2
+    time = np.asarray(begin + dt * np.arange(count), np.float64)
+    # A goal counts from the physics step nearest to its arrival on.
+    sent = np.searchsorted(run.write_done[rows], time + dt / 2, side="right") - 1 + recording.first
+    at_tick = np.clip(np.searchsorted(run.began[rows], time, side="right") - 1, 0, None)
+    angles, forces = np.empty((count, lanes, len(twin.qpos))), np.empty((count, lanes))
+    base = np.empty((count, lanes))
+    warned = batch.warning[:, :, 1].copy()
+    before = (-1, True)
+    for step in range(count):
+        angles[step], base[step] = qpos[:, twin.qpos], qpos[:, 0]
+        forces[step] = sensors[:, twin.foot_sensor]
+        torque = bool(time[step] + dt / 2 < recording.limp_from)
+        tick = int(at_tick[step])
+        if (tick, torque) != before:
+            if before[0] < 0 or torque != before[1] or (voltage[tick] != voltage[before[0]]).any():
+                motors(voltage[tick], torque)
+            before = (tick, torque)
+        ctrl[:, twin.actuator] = run.goal[max(int(sent[step]), 0)]
+        advance()
+    diverged = (batch.warning[:, :, 1] > warned).any(axis=1)
+    measured_at = run.sampled_at[rows]
+    angle = np.empty((lanes, measured_at.shape[0], len(twin.qpos)))
+    for joint in range(len(twin.qpos)):
+        angle[:, :, joint] = _at(measured_at[:, joint], begin, dt, angles[:, :, joint]).T
+    angle[diverged] = run.angle[rows] + _RESIDUAL_OF_CHAOS
+    foot_at = run.measured_at[rows] - run.foot_age[rows]
+    return Simulated(
+        angle=angle,
+        force=_at(foot_at, begin, dt, forces).T,
+        base_x=_at(foot_at, begin, dt, base).T,
+        contact_time=time,
+        contact=(forces > 0.0).T,
+    )
+
+
+def rescale(twin: TwinModel, mass: float) -> None:
+    """Scale a lamp's masses and inertias so that the whole weighs what a scale showed.
+
+    Args:
+        twin: The lamp; its model is written to.
+        mass: [kg].
+    """
+    share = mass / mass_of(twin)
+    twin.model.body_mass[:] *= share
+    twin.model.body_inertia[:] *= share
+    mujoco.mj_setConst(twin.model, mujoco.MjData(twin.model))
+
+
+def mass_of(twin: TwinModel) -> float:
+    """Return the mass of a whole lamp [kg]."""
+    return float(twin.model.body_subtreemass[0])
+
+
+def _differing(twins: Sequence[TwinModel]) -> dict[str, Array]:
+    """Return the fields of models that are not alike in all of them, with their values, shape (k, ...)."""
+    found = {}
+    for name in sorted(MODEL_FIELDS):
+        if name.startswith("opt.") or name in ("dof_frictionloss", "actuator_gainprm"):
+            continue
+        values = [getattr(twin.model, name) for twin in twins]
+        if any(not np.array_equal(values[0], value) for value in values[1:]):
+            found[name] = np.stack(values)
+    return found
+
+
+def _smooth(voltage: Array, otherwise: float) -> Array:
+    """Return running means of the voltages read, shape (N, n) [V]; where none is known, another."""
+    known = np.where(np.isfinite(voltage), voltage, np.nan)
+    if np.isnan(known).all():
+        return np.full(voltage.shape, otherwise)
+    filled = np.where(np.isfinite(known), known, np.nanmean(known))
+    half = _VOLTAGE_TICKS // 2
+    padded = np.pad(filled, ((half, half), (0, 0)), mode="edge")
+    return np.stack([padded[i : i + len(filled)] for i in range(_VOLTAGE_TICKS)]).mean(axis=0)
+
+
+def _first_known(angle: Array) -> Array:
+    """Return each joint's first measured angle, shape (n,) [rad]."""
+    row = np.isfinite(angle).argmax(axis=0)
+    return np.nan_to_num(angle[row, np.arange(angle.shape[1])])
+
+
+def _at(time: Array, begin: float, dt: float, values: Array) -> Array:
+    """Return values (a row a physics step) at other times, a row each; between two steps linear."""
+    place = np.clip((np.nan_to_num(time, nan=begin) - begin) / dt, 0.0, len(values) - 1.001)
+    low = place.astype(np.int64)
+    share = (place - low).reshape(-1, *[1] * (values.ndim - 1))
+    return values[low] * (1.0 - share) + values[low + 1] * share

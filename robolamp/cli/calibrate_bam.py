@@ -1,0 +1,48 @@
+"""`robolamp calibrate bam`: parameter files of Rhoban/bam, in and out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from robolamp.assets import Assets
+from robolamp.calibration import load_calibration
+from robolamp.cli.output import print_json
+
+
+def bam(
+    file: str,
+    /,
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    servo: str = "XL330-M288-T",
+    base: str = "nominal",
+    lamp: Path | None = None,
+    as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> int:
+    """Import or export a parameter file of Rhoban/bam.
+
+    Args:
+        file: A parameter file of Rhoban/bam (.json), to import; or a calibration file or the name of one, to export.
+        output: The calibration file (.toml) or parameter file (.json) to write.
+        servo: Servo model that the parameters are of.
+        base: Importing: the calibration that gives what BAM has not, as the lamp's own numbers.
+        lamp: A folder of your own lamp, laid out like robolamp's.
+        as_json: Print one JSON object: file, left_out.
+    """
+    from robolamp.calibrate.bam import export_bam, import_bam  # tomlkit and the rest load after the arguments
+
+    assets = Assets.of(lamp)
+    if Path(file).suffix == ".json":
+        left_out = import_bam(Path(file), output, servo, load_calibration(assets, base))
+    else:
+        left_out = export_bam(load_calibration(assets, file), output, servo)
+    if as_json:
+        print_json({"file": output, "left_out": left_out})
+    else:
+        for line in left_out:
+            print(f"left out: {line}")
+        print(output)
+    return 0

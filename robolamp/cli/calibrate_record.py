@@ -1,0 +1,183 @@
+"""`robolamp calibrate record`: the recordings that a lamp's calibration is fitted to."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import math
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from robolamp.cli.options import Setup, length
+from robolamp.cli.output import counted, print_json
+from robolamp.errors import RobolampError
+
+if TYPE_CHECKING:
+    from robolamp.calibrate.procedure import Step
+    from robolamp.calibrate.record import Connect, Connection, Person
+
+_LEAST_GRAMS, _MOST_GRAMS = 50, 5000  # what a desk lamp on hobby servos may weigh
+
+
+def record(
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    port: str | None = None,
+    foot_port: str | None = None,
+    emulate: Annotated[bool, Parameter(negative="")] = False,
+    reality: str = "worn",
+    step: Annotated[tuple[str, ...], Parameter(negative="", consume_multiple=False)] = (),
+    unattended: Annotated[bool, Parameter(negative="")] = False,
+    by: str = "",
+    calibration: str = "nominal",
+    lamp: Path | None = None,
+    as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> int:
+    """Record a lamp for its calibration: the joints swing, drop and hop, one log a step.
+
+    It says what to do with your hands before each step (clamp the base, stand the lamp up) and waits for Enter. Stop
+    it at any time (Ctrl-C lands the lamp softly) and start it again with the same folder: it goes on where it stopped.
+    Some 20 minutes for the whole lamp. With --emulate there is no lamp and no waiting.
+
+    Args:
+        output: Folder for the recordings and their manifest.
+        port: Serial port of the servos; by default bus.port of hardware/lamp.toml.
+        foot_port: Serial port of the foot sensor; by default foot.port of hardware/lamp.toml.
+        emulate: Record an emulated lamp, in virtual time.
+        reality: With --emulate, how that lamp differs from its twin: none, a file, or the name of one (worn);
+            random:SEED: everything differs; knob:KIND:SEED: one thing does, as knob:backlash:7.
+        step: Only this step; may be given several times. All steps: see calibration/README.md.
+        unattended: Do not wait for Enter: for a lamp that stays clamped. Steps that need hands are left out.
+        by: Who records, for the manifest.
+        calibration: The calibration that the logs name: a file, or a name in calibration/.
+        lamp: A folder of your own lamp, laid out like robolamp's.
+        as_json: Print one JSON object. Waits for nobody: needs --emulate or --unattended.
+    """
+    if emulate and (port or foot_port):
+        raise RobolampError("is of no use together with --emulate", "--port" if port else "--foot-port")
+    if as_json and not (emulate or unattended):
+        raise RobolampError("waits for nobody; expected --emulate or --unattended with it", "--json")
+    setup = Setup.of(lamp, calibration)
+
+    from robolamp.calibrate.procedure import procedure
+    from robolamp.calibrate.record import Session
+    from robolamp.calibrate.record import record as record_all
+    from robolamp.runtime.stop import StopRequest
+
+    steps = procedure(setup.lamp)
+    known = [one.name for one in steps]
+    for name in step:
+        if name not in known:
+            raise RobolampError(f"{name!r} is not a step; expected one of {', '.join(known)}", "--step")
+    chosen = [one for one in steps if (not step or one.name in step) and (emulate or not unattended or one.clamped)]
+    person = None if emulate or unattended else _person()
+    say = (lambda text: None) if as_json else print
+    source = f"emulator {reality}" if emulate else "lamp"
+    connect = emulated(setup, reality) if emulate else _physical(setup, port, foot_port)
+    with StopRequest() as stop:
+        session = Session(
+            setup.lamp, setup.calibration, setup.assets, output, source, by, datetime.date.today().isoformat(), stop
+        )
+        manifest = record_all(session, chosen, connect, person=person, say=say)
+    left = [one.name for one in steps if not manifest.done(one.name)]
+    if as_json:
+        recordings = [
+            {"step": entry.step, "file": entry.file, "clamped": entry.clamped, "travel_m": entry.travel}
+            for entry in manifest.entries
+        ]
+        print_json({"folder": output, "recordings": recordings, "left": left})
+    else:
+        rest = f"; left: {', '.join(left)}" if left else f"; next: robolamp calibrate fit {output} -o FILE"
+        print(f"{counted(len(manifest.entries), 'recording')} in {output}{rest}")
+    return 0
+
+
+def _person() -> Person:
+    from robolamp.calibrate.record import Person
+
+    if not sys.stdin.isatty():
+        raise RobolampError(
+            "is no terminal, so nobody can be asked to clamp the base; expected one, --unattended, or --emulate",
+            "standard input",
+        )
+
+    def prompt(text: str) -> None:
+        print(text)
+        _answer("  Enter when ready, Ctrl-C to stop: ")
+
+    def travel(text: str) -> float:
+        while True:
+            try:
+                return length(_answer(f"  {text} (as 14.5cm) "), "the way it went")
+            except RobolampError as error:
+                print(f"  {error.message}")
+
+    def mass(text: str) -> float:
+        while True:
+            answer = _answer(f"{text}\n  How many grams? ").strip().removesuffix("g").strip()
+            try:
+                grams = float(answer)
+            except ValueError:
+                grams = math.nan
+            if _LEAST_GRAMS <= grams <= _MOST_GRAMS:
+                return grams / 1e3
+            print(f"  {answer!r} is not a number from {_LEAST_GRAMS} to {_MOST_GRAMS} (grams)")
+
+    return Person(prompt, travel, mass)
+
+
+def _answer(prompt: str) -> str:
+    try:
+        return input(prompt)
+    except EOFError:
+        raise RobolampError("ended before an answer came", "standard input") from None
+
+
+def _physical(setup: Setup, port: str | None, foot_port: str | None) -> Connect:
+    from robolamp.calibrate.record import Connection
+    from robolamp.cli.drive import patience_at
+    from robolamp.runtime.clock import MonotonicClock
+
+    servo, foot = port or setup.lamp.bus_port, foot_port or setup.lamp.foot_port
+
+    @contextlib.contextmanager
+    def connect(step: Step) -> Iterator[Connection]:
+        yield Connection(servo, foot, MonotonicClock(), patience=patience_at(servo))
+
+    return connect
+
+
+def emulated(setup: Setup, reality: str) -> Connect:
+    """Return what gives an emulated lamp, in lockstep, clamped where a step wants it.
+
+    Args:
+        setup: The lamp, and its twin's calibration.
+        reality: How it differs from that twin: a file, the name of one, or "none".
+
+    Raises:
+        FileError: There is no such reality, or it is malformed.
+    """
+    import time
+
+    from robolamp.calibrate.record import Connection
+    from robolamp.emulator.lamp import EmulatedLamp
+    from robolamp.emulator.lockstep import Lockstep
+    from robolamp.emulator.reality import load_reality
+
+    bent = load_reality(reality, setup.lamp, setup.assets)
+
+    @contextlib.contextmanager
+    def connect(step: Step) -> Iterator[Connection]:
+        world = EmulatedLamp(setup.lamp, setup.calibration, setup.assets, bent, clamped=step.clamped)
+        start = world.plant.truth().base_x
+        ports = Lockstep(world, setup.lamp.bus_baud)
+        yield Connection(
+            ports.servo_port, ports.foot_port, ports.clock, time.time_ns(),
+            travelled=lambda: world.plant.truth().base_x - start, mass=round(world.plant.mass, 3),
+        )  # fmt: skip
+
+    return connect

@@ -1,0 +1,59 @@
+"""`robolamp calibrate report`: a page to judge a calibration by, by looking."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from robolamp.cli.options import Setup
+from robolamp.cli.output import counted, print_json
+from robolamp.errors import RobolampError
+
+
+def report(
+    calibration: str,
+    /,
+    *recordings: Path,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    lamp: Path | None = None,
+    as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> int:
+    """Draw a calibration: every recording with the simulation laid over it, what is left, the parameters, the verdict.
+
+    Args:
+        calibration: A calibration file, or a name in calibration/.
+        recordings: The folder that `robolamp calibrate record` made, or recordings of a servo on a pendulum bench;
+            those it was fitted to, or others.
+        output: The page to write (HTML, one file).
+        lamp: A folder of your own lamp, laid out like robolamp's.
+        as_json: Print one JSON object.
+    """
+    setup = Setup.of(lamp, calibration)
+    if not recordings:
+        raise RobolampError("none given; expected a recorded session's folder, or recordings", "RECORDINGS")
+
+    from robolamp.calibrate.manifest import NAME
+    from robolamp.calibrate.recordings import read_recordings
+    from robolamp.calibrate.report import write_report  # after the arguments are checked
+    from robolamp.calibrate.session import read_session
+    from robolamp.calibrate.shown import show_bench, show_session
+
+    shown, benches = [], []
+    for path in recordings:
+        if (path / NAME).is_file():
+            session = read_session(path, setup.lamp)
+            shown += show_session(session, setup.lamp, setup.calibration, setup.assets)
+        else:
+            benches.append(path)
+    if benches:
+        shown += show_bench(read_recordings(benches), setup.calibration)
+    write_report(output, setup.calibration, shown)
+    mean = sum(one.mae for one in shown) / len(shown) * 1e3
+    if as_json:
+        files = [{"file": one.name, "mae_mrad": one.mae * 1e3, "fitted": one.fitted} for one in shown]
+        print_json({"report": output, "recordings": files, "mae_mrad": mean})
+    else:
+        print(f"{counted(len(shown), 'recording')}, on average {mean:.1f} mrad\nreport {output}")
+    return 0

@@ -1,0 +1,60 @@
+"""`robolamp calibrate score`: how well a calibration predicts recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from robolamp.assets import Assets
+from robolamp.calibration import load_calibration
+from robolamp.cli.output import counted, print_json
+
+
+def score(
+    file: str,
+    recordings: Annotated[list[Path], Parameter(negative="")],
+    /,
+    *,
+    lamp: Path | None = None,
+    as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> int:
+    """Say how well a calibration predicts recordings of a servo on a pendulum bench: mean absolute position error.
+
+    Each recording is simulated in MuJoCo from its first sample to its last, open loop, with its own goals and its
+    supply voltage as recorded.
+
+    Args:
+        file: A calibration file, or the name of one in calibration/.
+        recordings: Recordings (.json of Rhoban/bam, .csv), or folders of them.
+        lamp: A folder of your own lamp, laid out like robolamp's.
+        as_json: Print one JSON object: recordings (file, mae_mrad, seen), mae_mrad, mae_unseen_mrad.
+    """
+    from robolamp.calibrate.recordings import read_recordings  # mujoco and numba load after the arguments
+    from robolamp.calibrate.score import mean_error, score_recordings
+    from robolamp.calibrate.soundness import require_sound
+
+    calibration = load_calibration(Assets.of(lamp), file)
+    found = read_recordings(recordings)
+    require_sound(found)
+    scores = score_recordings(found, calibration)
+    unseen = mean_error([each for each in scores if each.seen is False])
+    if as_json:
+        print_json(
+            {
+                "calibration": calibration.name,
+                "recordings": [
+                    {"file": each.recording.name, "mae_mrad": each.mae * 1e3, "seen": each.seen} for each in scores
+                ],
+                "mae_mrad": mean_error(scores) * 1e3,
+                "mae_unseen_mrad": unseen * 1e3,
+            }
+        )
+        return 0
+    width = max(len(each.recording.name) for each in scores)
+    for each in scores:
+        seen = "   (fitted to it)" if each.seen else ""
+        print(f"{each.recording.name:<{width}}  {each.mae * 1e3:7.1f} mrad{seen}")
+    print(f"{'mean of ' + counted(len(scores), 'recording'):<{width}}  {mean_error(scores) * 1e3:7.1f} mrad")
+    return 0

@@ -1,0 +1,39 @@
+"""Plots as SVG that takes its ink from the page it stands in: readable on light and on dark."""
+
+from __future__ import annotations
+
+import io
+import re
+from typing import Any
+
+from matplotlib.figure import Figure
+
+TWIN, LAMP = "#3a86c8", "#e0782a"
+"""Colours of what the twin does and of what the lamp does, everywhere."""
+INK, FAINT = "#010203", "#010204"
+"""Stand-ins, replaced by the page's own ink."""
+STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none", "svg.hashsalt": "robolamp", "font.family": "sans-serif", "font.size": 9.5,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": FAINT, "axes.labelcolor": INK,
+    "text.color": INK, "xtick.color": FAINT, "ytick.color": FAINT, "xtick.labelcolor": INK, "ytick.labelcolor": INK,
+    "grid.color": FAINT, "grid.alpha": 0.18, "grid.linewidth": 0.6, "axes.grid": True, "axes.axisbelow": True,
+    "lines.linewidth": 1.3,
+}  # fmt: skip
+"""For matplotlib's `rc_context`."""
+
+
+def svg(figure: Figure, title: str) -> str:
+    """Return a figure drawn in STYLE as an SVG element of a page.
+
+    Args:
+        figure: The plot.
+        title: What it shows, for who cannot see it.
+    """
+    stream = io.StringIO()
+    figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None, "Title": title, "Creator": None})
+    text = stream.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r' width="[\d.]+pt"| height="[\d.]+pt"', "", text, count=2)
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = text.replace(INK, "var(--ink)").replace(FAINT, "var(--faint)")
+    return text.replace("<svg", f'<svg role="img" aria-label="{title}"', 1)

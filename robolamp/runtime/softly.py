@@ -1,0 +1,66 @@
+"""What keeps a start from being a jump: where every joint is, whether its first goal is near, the curve to the next."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robolamp.errors import BusError, SafetyError
+from robolamp.lamp import Lamp
+from robolamp.runtime.schedule import PERIOD
+from robolamp.signals import LampBackend
+
+Array = NDArray[np.float64]
+
+LOOKS = 5
+"""Observations taken to see every joint before torque goes on, and every torque off at the end."""
+
+
+def smooth(share: float) -> float:
+    """Return the minimum-jerk curve (Flash and Hogan 1985): 0 at 0, 1 at 1, at rest at both ends.
+
+    Args:
+        share: Elapsed share of the movement; held at the ends outside 0 to 1.
+    """
+    s = min(max(share, 0.0), 1.0)
+    return s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
+
+
+def present_pose(backend: LampBackend, lamp: Lamp) -> Array:
+    """Return where every joint is, shape (n,) [rad], in a few looks at most.
+
+    Raises:
+        BusError: A joint's angle was in none of them.
+    """
+    angle = backend.observe().angle
+    for _ in range(LOOKS - 1):
+        if np.isfinite(angle).all():
+            break
+        angle = backend.observe().angle
+    if not np.isfinite(angle).all():
+        silent = ", ".join(name for name, value in zip(lamp.names, angle, strict=True) if np.isnan(value))
+        raise BusError(f"no angle from {silent} in {LOOKS} readings; torque stays off")
+    return angle
+
+
+def first_goal(angle: Array, lamp: Lamp, period: float) -> Array:
+    """Return the goal that holds the joints where they are, inside their limits, shape (n,) [rad].
+
+    Args:
+        angle: Where they are, shape (n,) [rad].
+        lamp: Its limits.
+        period: Control period [s].
+
+    Raises:
+        SafetyError: It would jump: what is outside the limits is brought to them in one tick.
+    """
+    goals = np.clip(angle, lamp.lower, lamp.upper)
+    step = lamp.slew * max(period, PERIOD)
+    for joint, value, goal, most in zip(lamp.joints, angle, goals, step, strict=True):
+        if abs(goal - value) > most:
+            raise SafetyError(
+                f"{joint.name} stands at {value:.2f} rad, outside {joint.lower:g} to {joint.upper:g} rad by more "
+                f"than the {most:.2f} rad that its slew limit allows a tick; put the lamp upright by hand",
+                str(lamp.path),
+            )
+    return goals
