@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
@@ -106,7 +107,9 @@ def test_the_loop_runs_on_it(backend: LampBackend) -> None:
     ticks: list[Tick] = []
     result = run(backend, Nod(), LAMP, duration=0.8, on_tick=ticks.append)
     assert (result.ended, result.reason) == ("finished", "")
-    assert result.ticks + result.missed_ticks == pytest.approx(191, abs=1)
+    phases = Counter(tick.phase for tick in ticks)
+    assert (phases["start"], phases["landing"]) == (100, 51)  # soft moves make up for ticks that were missed
+    assert 40 - result.missed_ticks <= phases["run"] <= 40
     assert backend.observe().health.torque.tolist() == [0] * N
     nod = np.array([tick.observation.angle[2] for tick in ticks if tick.phase == "run"])
     assert np.nanmax(nod) > 0.1

@@ -20,7 +20,6 @@ from dynamixel_sdk import (
     COMM_SUCCESS,
     GroupSyncRead,
     GroupSyncWrite,
-    PacketHandler,
     PortHandler,
     Protocol2PacketHandler,
 )
@@ -58,7 +57,7 @@ def sdk(port: str, baud: int = 1_000_000) -> Iterator[tuple[PortHandler, Protoco
     assert handler.openPort()
     try:
         assert handler.setBaudRate(baud)
-        yield handler, PacketHandler(2.0)
+        yield handler, Protocol2PacketHandler()
     finally:
         handler.closePort()
 
@@ -235,7 +234,11 @@ def test_it_says_what_it_emulates() -> None:
     process = subprocess.Popen(COMMAND, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
-        lines = [process.stdout.readline() for _ in range(6)]
+        lines: list[str] = []
+        for line in process.stdout:
+            lines.append(line)
+            if "Ctrl-C" in line:
+                break
         process.send_signal(signal.SIGINT)
         assert process.wait(timeout=10) == 0
     finally:
