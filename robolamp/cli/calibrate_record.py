@@ -30,7 +30,7 @@ def record(
     foot_port: str | None = None,
     emulate: Annotated[bool, Parameter(negative="")] = False,
     reality: str = "worn",
-    step: Annotated[tuple[str, ...], Parameter(negative="", consume_multiple=False)] = (),
+    step: Annotated[tuple[str, ...], Parameter(negative="", consume_multiple=False, show_default=False)] = (),
     unattended: Annotated[bool, Parameter(negative="")] = False,
     by: str = "",
     calibration: str = "nominal",

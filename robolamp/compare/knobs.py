@@ -147,7 +147,7 @@ def _zero(size: float, joint: int, of: int) -> Change:
     return Change(zero=tuple(size if index == joint else 0.0 for index in range(of)))
 
 
-_RECORD = "`robolamp calibrate record --joint {joint}` and `robolamp calibrate fit`"
+_RECORD = "`robolamp calibrate record` and `robolamp calibrate lamp`"
 
 KINDS: Mapping[str, Kind] = MappingProxyType(
     {
@@ -175,7 +175,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             "s", (-0.004, 0.004, 0.015), -0.02, 0.05, 0.0005,
             lambda size, joint, of: Change(late=size),
             "goals take effect {size} later than {than}", "goals take effect {size} earlier than {than}",
-            "`robolamp calibrate record` and `robolamp calibrate fit` settle the servos' delay; on a slow line, set "
+            "`robolamp calibrate record` and `robolamp calibrate lamp` settle the servos' delay; on a slow line, set "
             "the adapter's latency timer to 1 ms",
         ),
         "supply": Kind(
@@ -218,8 +218,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             "1", (-0.35, -0.15, 0.15, 0.35), -0.95, 3.0, 0.02,
             lambda size, joint, of: Change(Bend(floor=1.0 + size)),
             "the floor holds {size} better than {than}", "the floor is {size} slipperier than {than}",
-            "clean foot and desk; `robolamp calibrate record --floor` and `robolamp calibrate fit` settle "
-            "lamp.floor_friction",
+            "clean foot and desk; `robolamp calibrate record` and `robolamp calibrate lamp` settle lamp.floor_friction",
         ),
         "mass": Kind(
             "1", (-0.05, 0.05), -0.5, 2.0, 0.005,
