@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,5 +146,11 @@ class ProgramSet:
         """
         from robolamp.controller.kernels import run_lanes  # noqa: PLC0415 (numba loads slowly; a lamp never needs it)
 
-        run_lanes(self.code, self.operand, self.starts, self.ends, program, inputs, outputs, self.stack)
+        run_lanes(*self.arguments(program, inputs, outputs))
         return outputs
+
+    def arguments(
+        self, program: NDArray[np.int64], inputs: NDArray[np.float64], outputs: NDArray[np.float64]
+    ) -> tuple[Any, ...]:
+        """Return what `kernels.run_lanes` takes, for kernels that call it themselves; see `run`."""
+        return self.code, self.operand, self.starts, self.ends, program, inputs, outputs, self.stack

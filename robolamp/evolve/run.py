@@ -460,6 +460,10 @@ class Run:
         """Write the controller file, with its score on the run's cases."""
         state = self._state
         state.fitness = float(score.main[0] + score.style[0])
+        # Other figures live in the simulation alone: the lamp's numbers have no part in them.
+        lamp = isinstance(self._task.figure, str)
+        calibrated = {"calibration": self._calibration.name, "calibration_sha256": self._calibration.hash}
+        calibrated = calibrated if lamp else {"figure_sha256": self._twin}
         controller = Controller(
             name=slug(self._folder.resolve().name),
             task=self._task.name,
@@ -467,7 +471,7 @@ class Run:
             control_period=self._task.control_period,
             expressions=self._representation.decode(champion),
             joints=self._lamp.names,
-            figure=LAMP if isinstance(self._task.figure, str) else self._task.figure.name,
+            figure=LAMP if lamp else self._lamp.name,
             genome=self._representation.genes(champion),
             scores={
                 "fitness": state.fitness,
@@ -482,8 +486,7 @@ class Run:
                 "seed": self._record["seed"],
                 "generations": self._task.gp.generations,
                 "tuning": tuning,
-                "calibration": self._calibration.name,
-                "calibration_sha256": self._calibration.hash,
+                **calibrated,
                 "versions": {name: version(name) for name in ("robolamp", "mujoco", "numpy", "numba")},
             },
         )

@@ -172,8 +172,10 @@ class Reporter:
         settings = ", ".join(f"`{word}`" for word in self._scale.settings)
         versions = ", ".join(f"{name} {text}" for name, text in machine().items() if name in _VERSIONS)
         scale = (
-            f"Task `{self._shelf.task}`" + (f" with {settings}" if settings else " as it stands") + f", calibration"
-            f" `{self._scale.calibration}`; {versions}. The command, which goes on where it was stopped:\n\n"
+            f"Task `{self._shelf.task}`"
+            + (f" with {settings}" if settings else " as it stands")
+            + (f", calibration `{self._scale.calibration}`" if self._shelf.task != JUMPER else "")
+            + f"; {versions}. The command, which goes on where it was stopped:\n\n"
             f"```\n{command}\n```\n"
         )
         verdicts = [(section, verdict) for section in sections for verdict in section.verdicts]

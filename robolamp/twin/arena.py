@@ -9,13 +9,14 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from mujoco.batch import Batch
 from numba import njit
 from numpy.typing import NDArray
 
-from robolamp.controller.kernels import bound_lanes
+from robolamp.controller.kernels import bound_lanes, run_lanes
 from robolamp.controller.program import Program, ProgramSet
 from robolamp.errors import RobolampError
 from robolamp.twin.figure import FigureTwin
@@ -84,6 +85,39 @@ def _sense(
             inputs[lane, column] = value
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def _ask(
+    ctrl: NDArray[np.float64],
+    goal: NDArray[np.float64],
+    qpos: NDArray[np.float64],
+    actuator: NDArray[np.int64],
+    joint: NDArray[np.int64],
+    speed: NDArray[np.float64],
+    position: bool,
+) -> None:
+    """Write every lane's motor speeds."""
+    for lane in range(goal.shape[0]):
+        for index in range(goal.shape[1]):
+            asked = goal[lane, index]
+            if position:
+                asked = (asked - qpos[lane, joint[index]]) / _POSITION_TIME
+                asked = min(max(asked, -speed[index]), speed[index])
+            ctrl[lane, actuator[index]] = asked
+
+
+# A tick in one call: the way from Python into a kernel costs as much as the kernel does for a lane or two.
+@njit(cache=True, nogil=True, error_model="numpy")
+def _decide(
+    sense: tuple[Any, ...], run: tuple[Any, ...], bound: tuple[Any, ...], ask: tuple[Any, ...], time: float
+) -> None:
+    """Write every lane's terminals, run the programs on them, bound what they want, and ask the motors for it."""
+    inputs, sources, qpos, sensors, point, where, ahead = sense
+    _sense(inputs, sources, qpos, sensors, point, where, ahead, time)
+    run_lanes(*run)
+    bound_lanes(*bound)
+    _ask(*ask)
+
+
 class Drives:
     """Turns goals into what the motors are asked for, in many lanes.
 
@@ -92,19 +126,24 @@ class Drives:
     """
 
     def __init__(self, twin: FigureTwin) -> None:
-        self._position = twin.figure.drive == "position"
-        self._qpos, self._speed = twin.qpos, twin.figure.speed
+        position = twin.figure.drive == "position"
+        self._how = twin.actuator, twin.qpos, twin.figure.speed, position
 
-    def velocity(self, goal: NDArray[np.float64], qpos: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the velocities to ask for, shape (lanes, n) [rad/s].
+    def arguments(
+        self, ctrl: NDArray[np.float64], goal: NDArray[np.float64], qpos: NDArray[np.float64]
+    ) -> tuple[Any, ...]:
+        """Return what the kernel takes; see `ask`."""
+        return ctrl, goal, qpos, *self._how
+
+    def ask(self, ctrl: NDArray[np.float64], goal: NDArray[np.float64], qpos: NDArray[np.float64]) -> None:
+        """Write the velocities to ask for.
 
         Args:
+            ctrl: Written to, shape (lanes, nu) [rad/s].
             goal: Goals, shape (lanes, n) [rad/s or rad, by the figure's drive].
             qpos: Positions, shape (lanes, nq).
         """
-        if not self._position:
-            return goal
-        return np.clip((goal - qpos[:, self._qpos]) / _POSITION_TIME, -self._speed, self._speed)
+        _ask(ctrl, goal, qpos, *self._how)
 
 
 class _Shard:
@@ -140,18 +179,22 @@ class _Shard:
         sources = terminal_sources(twin, programs.terminals)
         inputs, wanted = np.zeros((lanes, len(sources))), np.zeros((lanes, len(figure.joints)))
         unstable, interventions = np.zeros(lanes, bool), np.zeros(lanes, np.int64)
+        sense = inputs, sources, self.qpos, self.sensors, self.point, verdict.where, twin.ahead
+        run = programs.arguments(program, inputs, wanted)
+        bound = wanted, goal, lower, upper, step, interventions
+        ask = drives.arguments(self.ctrl, goal, self.qpos)
         warned = self.batch.warning[:, :, 1].copy()
         self.batch.forward()
         verdict.begin(self.sensors)
         alive = np.arange(lanes)
         substeps = round(period / twin.timestep)
         for tick in range(round(duration / period)):
-            _sense(inputs, sources, self.qpos, self.sensors, self.point, verdict.where, twin.ahead, tick * period)
-            bound_lanes(programs.run(program, inputs, wanted), goal, lower, upper, step, interventions)
+            _decide(sense, run, bound, ask, tick * period)
             if trace is not None:
                 trace.record(alive, inputs, goal)
-            for _ in range(substeps):
-                self.ctrl[:, twin.actuator] = drives.velocity(goal, self.qpos)
+            for substep in range(substeps):
+                if substep:
+                    _ask(*ask)
                 self.batch.step(alive if len(alive) < lanes else None, 1)
                 self.steps += len(alive)
                 verdict.step(alive, self.sensors, self.qvel)

@@ -63,7 +63,7 @@ def play_figure(twin: FigureTwin, job: Job, goals: NDArray[np.float64], period: 
     for tick, goal in enumerate(goals):
         qpos[tick] = data.qpos
         for _ in range(round(period / twin.timestep)):
-            data.ctrl[twin.actuator] = drives.velocity(goal[None], data.qpos[None])[0]
+            drives.ask(data.ctrl[None], goal[None], data.qpos[None])
             mujoco.mj_step(model, data)
     qpos[-1] = data.qpos
     turning = [model.joint(f"drive_{name}").qposadr[0] for name in twin.figure.names]

@@ -24,6 +24,10 @@ from robolamp.controller.terminals import on_board_terminals
 from robolamp.errors import RobolampError
 from robolamp.evolve.cluster import Cluster
 from robolamp.evolve.machine import differences, machine
+from robolamp.evolve.run import evolve
+from robolamp.evolve.task import load_task
+from robolamp.figure import load_figure
+from robolamp.twin.figure import build_figure
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.judge import Outcome
 from robolamp.twin.model import Bend, TwinModel, build
@@ -262,3 +266,17 @@ def test_machines_that_differ_are_named_with_what_they_differ_in() -> None:
     del other["numpy"]
     assert differences(own, {"b": other}) == [f"numpy {own['numpy']} here, none there (b)"]
     assert differences({}, {"b": {"numpy": "1"}}) == ["numpy none here, 1 there (b)"]
+
+
+def test_genes_of_a_figure_are_bred_on_a_cluster_as_they_are_here(address: str, tmp_path: Path) -> None:
+    words = ("duration=0.4", "gp.population=24", "gp.generations=3", "gp.tournament=3")
+    task = load_task(ASSETS, "jumper", overrides=words)
+    results = []
+    with Cluster(address, [build_figure(load_figure(ASSETS, "jumper"), ASSETS)], 0.01) as cluster:
+        for folder, evaluator in ((tmp_path / "here" / "run", None), (tmp_path / "there" / "run", lambda *_: cluster)):
+            folder.parent.mkdir()
+            results.append(evolve(task, LAMP, CALIBRATION, ASSETS, folder, seed=5, evaluator=evaluator))
+        assert cluster.steps > 0
+    here, there = (result.controller.read_text() for result in results)
+    assert "[genome]" in here
+    assert here == there

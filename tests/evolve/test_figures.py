@@ -142,6 +142,8 @@ def test_run_writes_a_controller_for_its_figure_and_goes_on_after_a_stop(tmp_pat
     first, second = (load_controller(result.controller, figure) for result in (whole, again))
     assert first.expressions == second.expressions
     assert (first.figure, first.drive, first.task) == ("jumper", "velocity", "jumper")
+    assert "figure_sha256" in first.provenance
+    assert not [key for key in first.provenance if key.startswith("calibration")]  # which is the lamp's
     with pytest.raises(FileError, match=r"figure: drives 'jumper'; expected a controller for 'lamp'"):
         load_controller(whole.controller, LAMP)
 
