@@ -145,6 +145,19 @@ def status(id: int, error: int, parameters: bytes = b"") -> bytes:
     return packet(id, bytes([Instruction.STATUS, error]) + parameters)
 
 
+def fits(sizes: Sequence[int]) -> bool:
+    """Return whether the answer to a fast read can be one packet: LEN has two bytes.
+
+    Args:
+        sizes: Bytes asked of each servo.
+    """
+    return _fast_length(sizes) <= 0xFFFF
+
+
+def _fast_length(sizes: Sequence[int]) -> int:
+    return 1 + sum(size + 4 for size in sizes)
+
+
 def fast_status(sizes: Sequence[int], blocks: Sequence[tuple[int, int, bytes]]) -> bytes:
     """Return the one packet that servos write together in answer to a fast read (e-manual "Fast Sync Read").
 
@@ -155,8 +168,8 @@ def fast_status(sizes: Sequence[int], blocks: Sequence[tuple[int, int, bytes]]) 
         sizes: Bytes asked of each servo.
         blocks: Id, ERR byte and data of each servo that answers, from the first on.
     """
-    length = 1 + sum(size + 4 for size in sizes)
-    data = bytearray(HEADER + bytes([BROADCAST]) + length.to_bytes(2, "little") + bytes([Instruction.STATUS]))
+    length = _fast_length(sizes).to_bytes(2, "little")
+    data = bytearray(HEADER + bytes([BROADCAST]) + length + bytes([Instruction.STATUS]))
     crc = crc16(bytes(data))
     for id, error, values in blocks:
         block = bytes([error, id]) + values

@@ -10,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
 from robolamp.emulator.collision import collide
-from robolamp.emulator.packet import BROADCAST, Error, Instruction, Packet, fast_status, status
+from robolamp.emulator.packet import BROADCAST, Error, Instruction, Packet, fast_status, fits, status
 from robolamp.emulator.servo import Servo
 from robolamp.emulator.table import Refused
 
@@ -122,7 +122,10 @@ def _together(
     """One packet for all: each block follows the one before, so that nothing follows a servo that is absent.
 
     Servos with one id write their blocks over each other: what is heard is as if each had written a packet of its own.
+    Nobody answers where more is asked for than a packet's LEN can say.
     """
+    if not fits([size for _, _, size in asked]):
+        return
     rivals = max((len(present.get(id, ())) for id, _, _ in asked), default=0)
     spoken: list[tuple[float, bytes]] = []
     for rival in range(rivals):

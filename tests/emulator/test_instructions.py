@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from dynamixel_sdk import COMM_SUCCESS, Protocol2PacketHandler
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from robolamp.dynamixel.registers import MODELS, Name
@@ -288,6 +288,7 @@ INSTRUCTIONS = st.builds(
 
 @pytest.mark.parametrize("model", MODELS)
 @given(st.lists(st.one_of(INSTRUCTIONS, st.binary(max_size=40)), max_size=12))
+@example([instruction(254, 138, b"\x00\x00\x00\x56\x01\x00\x00")])  # a fast read of more than a packet holds
 def test_no_packets_break_a_servo(model: str, chunks: list[bytes]) -> None:
     bench = MotorBench(model)
     for chunk in chunks:

@@ -99,7 +99,9 @@ def test_a_run_that_is_killed_at_any_moment_goes_on_to_the_same_end(tmp_path: Pa
         "--json",
     ]
     whole, cut = tmp_path / "a" / "walk", tmp_path / "b" / "walk"
+    began = time.monotonic()
     subprocess.run([*command, *options, "-o", str(whole)], check=True, capture_output=True)
+    took = time.monotonic() - began
     rng = random.Random(11)
     words = [*options, "-o", str(cut)]
     kills = 0
@@ -107,7 +109,7 @@ def test_a_run_that_is_killed_at_any_moment_goes_on_to_the_same_end(tmp_path: Pa
         process = subprocess.Popen(
             [*command, *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True
         )
-        deadline = time.monotonic() + 3.0 + 1.5 * rng.random()
+        deadline = time.monotonic() + took * (0.5 + 0.3 * rng.random())  # half of it is for starting up
         while process.poll() is None and (time.monotonic() < deadline or kills >= 3):
             time.sleep(0.02)
         if process.poll() is not None:
