@@ -25,6 +25,7 @@ def lamp_times(random: np.random.Generator) -> np.ndarray:
 
 
 @settings(max_examples=40, deadline=None)
+@example(lag=-0.0625, seed=162, gain=0.5, bias=0.0)
 @given(lag=st.floats(-0.15, 0.15), seed=st.integers(0, 1000), gain=st.floats(0.5, 1.5), bias=st.floats(-0.2, 0.2))
 def test_a_known_lag_is_found_through_noise_gaps_gain_and_bias(lag, seed, gain, bias):
     random = np.random.default_rng(seed)
@@ -34,7 +35,9 @@ def test_a_known_lag_is_found_through_noise_gaps_gain_and_bias(lag, seed, gain, 
     angle[100:120] = np.nan
     result = compare_joint("knee", TWIN, Trace.of(time, angle), time.size)
     assert result.lag == pytest.approx(lag, abs=0.0003)
-    assert result.after.bias == pytest.approx(bias, abs=0.01)
+    seen = time[np.isfinite(angle)]
+    smaller = (gain - 1) * motion(seen - lag).mean()  # the motion's own mean over the samples is not quite 0
+    assert result.after.bias == pytest.approx(bias + smaller, abs=0.003)
     assert result.swing == pytest.approx(gain, abs=0.01)
     assert result.samples < result.of == 300
     assert result.after.rmse <= result.before.rmse + 1e-3
