@@ -3,9 +3,9 @@
 Both run in turn in one process, so that a busy machine slows both. The bare rollout holds the neutral pose with small
 random goals and a friction that does not change; an evolving fleet also evaluates controllers, judges every step, and
 rewrites each joint's load-dependent friction before every step. What that rewriting costs is shown apart, by evolving
-once more with friction that stays as it is. What racing costs is shown apart, too: it runs lanes in waves, and the last
-lanes of a wave keep the cores less busy than they would all together (`gp.early_stop=false`); it saves more steps than
-that (benchmarks/savings.py).
+once more with friction that stays as it is. Both are shown again without racing
+(`gp.early_stop=false`), which runs all lanes of a generation together instead of in waves. The last generation races for
+nothing, so that needs two generations or more.
 """
 
 from __future__ import annotations
