@@ -4,8 +4,8 @@ Both run in turn in one process, so that a busy machine slows both. The bare rol
 random goals and a friction that does not change; an evolving fleet also evaluates controllers, judges every step, and
 rewrites each joint's load-dependent friction before every step. What that rewriting costs is shown apart, by evolving
 once more with friction that stays as it is. Both are shown again without racing
-(`gp.early_stop=false`), which runs all lanes of a generation together instead of in waves. The last generation races for
-nothing, so that needs two generations or more.
+(`gp.early_stop=false`), which runs all lanes of a generation together instead of in waves. Give it two generations or
+more: the last one has no tournaments to lose.
 """
 
 from __future__ import annotations
