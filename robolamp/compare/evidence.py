@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration
 from robolamp.compare.knobs import Change
+from robolamp.dynamixel.servos import goals_wire_time
 from robolamp.lamp import Lamp
 from robolamp.log.reader import Run
 from robolamp.twin.bank import Member, Record, Score, play_bank
@@ -34,7 +35,6 @@ BEFORE = 0.3
 """How much of standing before the controller's first tick is looked at [s]."""
 AFTER = 2.2
 """How much of its run is [s]: hops multiply small differences, and later ones say little of their cause."""
-_SYNC_WRITE, _SYNC_WRITE_EACH = 14, 5  # bytes of a Sync Write of goal positions (e-manual, Protocol 2.0)
 MIN_TICKS = 25
 """Fewer ticks than this are no evidence."""
 
@@ -193,13 +193,12 @@ def _score(run: Run, rows: NDArray[np.int64], lamp: Lamp, timestep: float) -> Sc
     first = int(rows[0])
     before = run.goal[max(first - 1, 0)]
     known = run.angle[first]
-    wire = (_SYNC_WRITE + _SYNC_WRITE_EACH * len(run.joints)) * 10 / lamp.bus_baud  # ten bits a byte
     return Score(
         begin=math.floor(run.began[first] / timestep) * timestep,  # on an emulator's own grid
         end=float(max(run.read_done[rows[-1]], run.measured_at[rows[-1]])) + 0.01,
         powered=float(run.began[0]),
         pose=np.where(np.isfinite(known), known, before),
         hold=before,
-        sent=np.maximum.accumulate(run.write_done[rows]) + wire,
+        sent=np.maximum.accumulate(run.write_done[rows]) + goals_wire_time(len(run.joints), lamp.bus_baud),
         goal=np.round(run.goal[rows] / ENCODER_STEP) * ENCODER_STEP,  # registers hold whole counts
     )

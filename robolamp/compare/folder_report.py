@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
 from robolamp.compare.folder import Folder, Row
 from robolamp.compare.report import document, text
@@ -37,7 +38,7 @@ def write_folder_report(folder: Folder, path: Path) -> None:
     head = (
         "<th>began</th><th>controller</th><th>goal <small>cm</small></th><th>lamp <small>cm</small></th>"
         "<th>twin <small>cm</small></th><th>hops</th><th>twin's</th><th>MAE <small>mrad</small></th>"
-        "<th>lag <small>ms</small></th><th>log</th>"
+        "<th>lag <small>ms</small></th><th class='file'>log</th>"
     )
     body = (
         f"<header class='inside'><p class='kicker'>{text(folder.path.resolve().name)}, against the twin (calibration "
@@ -62,7 +63,7 @@ def _row(folder: Folder, row: Row) -> str:
     ]  # fmt: skip
     body = "".join(f"<td>{cell}</td>" for cell in cells)
     log = text(str(row.log.relative_to(folder.path)))
-    return f"<tr><th>{began}</th><td>{text(row.controller)}</td>{body}<td>{log}</td></tr>"
+    return f"<tr><th>{began}</th><td>{text(row.controller)}</td>{body}<td class='file'>{log}</td></tr>"
 
 
 def _trend(folder: Folder) -> str:
@@ -95,12 +96,24 @@ def _scores(folder: Folder) -> str:
             most = float(values.max()) * 1.1 or 1.0
             axes.plot([0, most], [0, most], color=FAINT, linewidth=0.8, linestyle=(0, (4, 3)))
             axes.plot(values[:, 0], values[:, 1], "o", color=TWIN)
-            for name, (x, y) in zip(points, values, strict=True):
-                axes.annotate(name, (x, y), xytext=(5, 4), textcoords="offset points", fontsize=8)
+            for (x, y), names in _labels(points, values).items():
+                left = x > most / 2  # towards the middle, where there is room
+                axes.annotate(
+                    names, (x, y), xytext=(-6 if left else 6, 4), textcoords="offset points", fontsize=8,
+                    ha="right" if left else "left",
+                )  # fmt: skip
             axes.set(xlim=(0, most), ylim=(0, most), xlabel=f"twin: {label}", ylabel=f"lamp: {label}")
 
         drawn.append(_svg(draw, (4.6, 3.8), f"{what}, lamp against twin"))
     return f"<div class='pair'>{''.join(drawn)}</div>" if drawn else "<p>Nothing is known of both.</p>"
+
+
+def _labels(names: Iterable[str], values: NDArray[np.float64]) -> dict[tuple[float, float], str]:
+    """Return what to write at each point; controllers that meet in one share its label."""
+    labels: dict[tuple[float, float], list[str]] = {}
+    for name, (x, y) in zip(names, values.round(3).tolist(), strict=True):
+        labels.setdefault((x, y), []).append(name)
+    return {point: ", ".join(found) for point, found in labels.items()}
 
 
 def _means(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration
 from robolamp.controller.terminals import SignalLimits, Signals
+from robolamp.dynamixel.servos import goals_wire_time
 from robolamp.errors import FileError
 from robolamp.lamp import Lamp
 from robolamp.log.reader import Run
@@ -56,7 +57,7 @@ class Replay:
 def replay(run: Run, lamp: Lamp, calibration: Calibration, assets: Assets) -> Replay:
     """Drive the twin with a log's goals.
 
-    A goal arrives at the twin's servos when the log says it had been sent, within a physics step too. The calibration's
+    A goal arrives at the twin's servos when its packet has passed the line, within a physics step too. The calibration's
     line delay, which stands for that time where there is no log, plays no part. A stage's duty limit holds for the
     twin's motors too.
 
@@ -127,7 +128,8 @@ def _commands(run: Run, twin: TwinModel) -> deque[tuple[float, Array]]:
     """
     step = twin.timestep
     line = round(twin.line_delay / step) * step  # as the twin keeps it
-    arrival = np.maximum((run.write_done - run.began[0] - line) / step, 0.0)
+    wire = goals_wire_time(len(run.joints), twin.lamp.bus_baud)  # write_done is when the packet was handed over
+    arrival = np.maximum((run.write_done + wire - run.began[0] - line) / step, 0.0)
     commands: deque[tuple[float, Array]] = deque()
     before = run.goal[0]
     for goal, at in zip(run.goal, arrival.tolist(), strict=True):

@@ -57,8 +57,27 @@ def tick_wire_time(n: int, baud: int) -> float:
         baud: Of the line [1/s].
     """
     reads = sum(10 + 4 + n + n * (11 + length) for _, length in (STATE, CONDITION))
-    write = 10 + 4 + n * (1 + 4)  # Goal Position(116) has 4 bytes
-    return (reads + write) * 10.0 / baud
+    return reads * 10.0 / baud + goals_wire_time(n, baud)
+
+
+def goals_wire_time(n: int, baud: int) -> float:
+    """Return how long the sync write of goals is on the line [s]; servos take their goals when it has ended.
+
+    Args:
+        n: How many servos it is for.
+        baud: Of the line [1/s].
+    """
+    return (10 + 4 + n * (1 + 4)) * 10.0 / baud  # Goal Position(116) has 4 bytes; as in `tick_wire_time`
+
+
+def request_wire_time(n: int, baud: int) -> float:
+    """Return how long a tick's first question is on the line [s]: when it ends, the servos look at their encoders.
+
+    Args:
+        n: How many servos it asks.
+        baud: Of the line [1/s].
+    """
+    return (10 + 4 + n) * 10.0 / baud  # a Sync Read, as in `tick_wire_time`
 
 
 @dataclass

@@ -129,9 +129,8 @@ class Run:
 
     @property
     def sampled_at(self) -> Array:
-        """When each angle was sampled, shape (N, n) [s]: the middle of its read, of which the log has begin and end."""
-        read = self.measured_at[:, None] - self.angle_age
-        return read - np.maximum(read - self.began[:, None], 0.0) / 2
+        """When each angle was sampled, shape (N, n) [s]."""
+        return self.measured_at[:, None] - self.angle_age
 
     def at(self, log_time: NDArray[np.int64]) -> Array:
         """Return wall-clock stamps as times on the run's clock [s].

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.dynamixel.bus import PATIENCE, Bus, Port
-from robolamp.dynamixel.servos import Servos, ServoState
+from robolamp.dynamixel.servos import Servos, ServoState, request_wire_time
 from robolamp.errors import BusError, SafetyError
 from robolamp.foot.sensor import ByteSource, FootSensor
 from robolamp.lamp import Lamp
@@ -72,6 +72,7 @@ class RobotLamp:
         self._servos: Servos | None = None
         self._firmware: list[int] = []
         self._measured = np.full(len(lamp.joints), -math.inf)  # when each angle last came [s]
+        self._asking = request_wire_time(len(lamp.joints), lamp.bus_baud)
         self._torque = False
         self._spoke = -math.inf  # when the bus last carried a packet of ours [s]
         self._silence = 0.0  # longest time without one since the watchdogs were last known to be armed [s]
@@ -157,7 +158,7 @@ class RobotLamp:
             faults.append(f"bus: {error.message}")
         angle = self._frame.joint_angle(state.position)
         present = np.isfinite(angle)
-        self._measured[present] = began  # the first block's reading follows: an angle is no older than its age
+        self._measured[present] = began + self._asking  # an angle is no older than its age
         if not faults:
             self._spoke = began
             faults += [f"{self.joints[index]}: no answer" for index in np.flatnonzero(~present)]

@@ -140,6 +140,20 @@ def _start(twin: TwinModel, score: Score) -> Array:
     return state
 
 
+def _each_step(score: Score, dt: float, steps: int) -> Array:
+    """Return the goals in force in each physics step from the score's begin on, shape (steps, n) [rad].
+
+    One that arrives within a step is mixed with the one before, weighted by the time that each holds in that step.
+    """
+    goals = np.tile(score.hold, (steps, 1))
+    for goal, at in zip(score.goal, np.maximum((score.sent - score.begin) / dt, 0.0).tolist(), strict=True):
+        whole = math.floor(at + 1e-6)
+        if whole < steps:
+            goals[whole] = goal + max(at - whole, 0.0) * (goals[whole] - goal)
+            goals[whole + 1 :] = goal
+    return goals
+
+
 class _Share:
     """The members of one worker."""
 
@@ -179,9 +193,7 @@ class _Share:
         qpos[:, twin.qpos] += self._zero
         dt = twin.timestep
         settle, steps = round(SETTLE / dt), math.ceil((score.end - score.begin) / dt)
-        # A goal takes effect in the step in which it arrives, as in the emulator.
-        arrival = np.floor((score.sent - score.begin) / dt + 1e-6).astype(np.int64)
-        goals = np.vstack([score.hold, score.goal])
+        goals = _each_step(score, dt, steps + max(int(-self._late.min()), 0))
         voltage, drawn = self._full.copy(), np.zeros(len(lanes))
         n = len(twin.qpos)
         angle, current = np.empty((steps, len(lanes), n)), np.empty((steps, len(lanes), n))
@@ -204,8 +216,7 @@ class _Share:
                 rows = self._gainprm[lane][twin.actuator]
                 write_motors(rows, member.twin.servos, self._p_gain, np.full(n, voltage[lane]), np.ones(n, bool))
                 self._gainprm[lane][twin.actuator] = rows
-            known = np.searchsorted(arrival, step - self._late, side="right")
-            ctrl[:, twin.actuator] = goals[known] + self._zero
+            ctrl[:, twin.actuator] = goals[np.maximum(step - self._late, 0)] + self._zero
             friction_loss(self._friction, twin.dof, motor, bias, qvel, loss)
             if step < -settle // 2:
                 loss[:, twin.dof] = _HAND  # the foot comes to rest on the floor, the joints held as by hand

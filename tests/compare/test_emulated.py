@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 
 from robolamp.cli.main import main
 from robolamp.compare.control import replay_controller
+from robolamp.compare.evidence import Evidence
+from robolamp.compare.explain import explain
 from robolamp.compare.folder import _travel, compare_folder
 from robolamp.emulator.reality import Reality
 from robolamp.errors import FileError
@@ -49,6 +51,18 @@ def test_the_controller_gives_the_logged_goals_to_the_bit_and_a_bent_log_says_fr
     run.goal[row] = np.nextafter(run.goal[row], 9.0)
     bent = replay_controller(run, LAMP)
     assert (bent.exact, bent.first, bent.what) == (False, int(run.index[row]), "goals")
+
+
+def test_nothing_is_named_on_a_lamp_that_nothing_bends(straight):
+    assert explain(Evidence(read_run(straight), LAMP, CALIBRATION, ASSETS), LAMP) == []
+
+
+def test_a_noisy_encoder_is_named_first_with_its_size(tmp_path):
+    noisy = replace(NONE, encoder_noise=np.array([0.0, 0.0, 0.0015]), seed=1)
+    log = hop(tmp_path / "log.mcap", noisy)
+    first = explain(Evidence(read_run(log), LAMP, CALIBRATION, ASSETS), LAMP)[0]
+    assert first.name == "encoder noise neck"
+    assert first.size == pytest.approx(0.0015, rel=0.4)
 
 
 def test_a_weak_knee_in_the_emulator_is_named_first_with_its_size(weak, tmp_path, capsys):
