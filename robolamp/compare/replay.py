@@ -57,9 +57,9 @@ class Replay:
 def replay(run: Run, lamp: Lamp, calibration: Calibration, assets: Assets) -> Replay:
     """Drive the twin with a log's goals.
 
-    A goal arrives at the twin's servos when its packet has passed the line, within a physics step too. The calibration's
-    line delay, which stands for that time where there is no log, plays no part. A stage's duty limit holds for the
-    twin's motors too.
+    A goal arrives at the twin's servos when its packet has passed the line, within a physics step too. The
+    calibration's line delay, which stands for that time where there is no log, plays no part. A stage's duty limit
+    holds for the twin's motors too.
 
     Args:
         run: The log.
