@@ -59,8 +59,8 @@ def bare(twin: TwinModel, threads: int, seconds: float) -> float:
         return done / (time.perf_counter() - began)
 
 
-def still(coefficients, dofs, motor, bias, velocity, loss) -> None:
-    """Stand in for `friction_loss`: friction as it is at standstill without load, written once."""
+def still(lanes, coefficients, dofs, motor, bias, velocity, loss) -> None:
+    """Stand in for `rewrite_friction`: friction as it is at standstill without load, written once."""
     if not loss[0, dofs[0]]:
         loss[:, dofs] = coefficients[:, :, 0] + coefficients[:, :, 1]
 
@@ -90,7 +90,7 @@ def main() -> None:
     evolving(tiny, options.threads, 1, nullcontext())  # numba compiles
 
     def unchanged() -> AbstractContextManager:
-        return mock.patch("robolamp.twin.fleet.friction_loss", still)
+        return mock.patch("robolamp.twin.fleet.rewrite_friction", still)
 
     ways: dict[str, tuple[Task, Callable[[], AbstractContextManager]]] = {
         "racing, friction by load": (task, nullcontext),

@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 from mujoco.batch import MODEL_FIELDS, Batch
+from numba import njit
 from numpy.typing import NDArray
 
-from robolamp.controller.envelope import Envelope
+from robolamp.controller.kernels import bound_lanes, run_lanes
 from robolamp.controller.program import Program, ProgramSet
 from robolamp.controller.terminals import TWIN_ONLY, SignalLimits, Signals
 from robolamp.errors import RobolampError
@@ -26,7 +27,7 @@ from robolamp.twin.lanes import deal
 from robolamp.twin.model import TwinModel
 from robolamp.twin.poses import KeyPose, PoseErrors
 from robolamp.twin.sensors import measure_angle, measure_force
-from robolamp.twin.servo import friction_loss, weaken
+from robolamp.twin.servo import friction_of, weaken
 from robolamp.twin.trace import Trace
 
 SETTLE_TIME = 1.0
@@ -83,6 +84,43 @@ def _differing(models: Sequence[mujoco.MjModel]) -> dict[str, NDArray[np.float64
     return found
 
 
+# What lanes have fallen costs nothing from then on: both kernels go through the others alone.
+@njit(cache=True, nogil=True, error_model="numpy")
+def rewrite_friction(
+    lanes: NDArray[np.int64],
+    coefficients: NDArray[np.float64],
+    dofs: NDArray[np.int64],
+    motor: NDArray[np.float64],
+    bias: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    loss: NDArray[np.float64],
+) -> None:
+    """Do what `servo.friction_loss` does, for some lanes."""
+    for lane in lanes:
+        for joint in range(dofs.shape[0]):
+            dof = dofs[joint]
+            loss[lane, dof] = friction_of(
+                coefficients[lane, joint], motor[lane, dof], -bias[lane, dof], velocity[lane, dof]
+            )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _arrive(
+    lanes: NDArray[np.int64],
+    ctrl: NDArray[np.float64],
+    line: NDArray[np.float64],
+    arrival: NDArray[np.int64],
+    substep: int,
+    substeps: int,
+) -> None:
+    """Give servos the goals that reach them in this physics step of a tick; `line` has the newest first."""
+    for lane in lanes:
+        if (substep - arrival[lane]) % substeps == 0:
+            late = max(-((substep - arrival[lane]) // substeps), 0)
+            for joint in range(ctrl.shape[1]):
+                ctrl[lane, joint] = line[late, lane, joint]
+
+
 class _Shard:
     """The lanes of one worker."""
 
@@ -136,15 +174,15 @@ class _Shard:
         limits = SignalLimits(self.period, lamp.contact_on, lamp.contact_off)
         signals = Signals(lanes, joints, limits, programs.terminals)
         sees_base = bool(set(programs.terminals) & set(TWIN_ONLY))
-        envelope = Envelope(lamp.lower, lamp.upper, lamp.slew, self.period, np.zeros((lanes, joints)))
-        wanted = np.zeros((lanes, joints))
+        wanted, sent = np.zeros((lanes, joints)), np.zeros((lanes, joints))
         unstable, interventions = np.zeros(lanes, bool), np.zeros(lanes, np.int64)
         warned = self.batch.warning[:, :, 1].copy()
         # The first reading: sensors describe a state only after a step, and the settled lamp stands on its foot.
         self.batch.forward()
-        alive = every = np.arange(lanes)
+        alive = np.arange(lanes)
         # Goals under way on the line, the newest first: a delay may be longer than a control period.
         line = np.zeros((1 + math.ceil(self.arrival_step.max() / self.substeps), lanes, joints))
+        arriving = set((self.arrival_step % self.substeps).tolist())
         head, axis = self.site[:, twin.head_site, 2], self.site_axes[:, twin.head_site, 8]
         force = self.sensors[:, twin.foot_sensor]
         pole = None if twin.pole_sensor is None else self.sensors[:, twin.pole_sensor]
@@ -156,20 +194,22 @@ class _Shard:
                 base[:, 0] -= goal
             angle, pressed = measure_angle(self.qpos[:, twin.qpos]), measure_force(force, self.foot_gain)
             inputs = signals.update(angle, pressed, goal, base, goal_time=goal_time)
+            asked, goals, changed = wanted[: len(alive)], sent[alive], interventions[alive]
+            run_lanes(*programs.arguments(program[alive], inputs[alive], asked))
+            bound_lanes(asked, goals, lamp.lower, lamp.upper, lamp.slew * self.period, changed)
+            sent[alive], interventions[alive] = goals, changed
             line[1:] = line[:-1].copy()
-            line[0] = envelope.apply(programs.run(program, inputs, wanted))
-            interventions[alive] = (envelope.not_finite + envelope.limited + envelope.slewed)[alive]
+            line[0] = sent
             if trace is not None:
                 trace.record(alive, inputs, line[0])
             for substep in range(self.substeps):
                 if key.at(steps):
                     key.compare(steps, self.qpos[:, twin.qpos])
-                if substep <= (self.arrival_step % self.substeps).max():
-                    late = np.maximum(-((substep - self.arrival_step) // self.substeps), 0)
-                    self.ctrl[:] = line[late, every]
+                if substep in arriving:
+                    _arrive(alive, self.ctrl, line, self.arrival_step, substep, self.substeps)
                 if self.gains is not None:
                     weaken(self.weakness, twin.dof, twin.actuator, self.motor, self.qvel, self.gains)
-                friction_loss(self.friction, twin.dof, self.motor, self.bias, self.qvel, self.loss)
+                rewrite_friction(alive, self.friction, twin.dof, self.motor, self.bias, self.qvel, self.loss)
                 self.batch.step(alive, 1)
                 steps += 1
                 self.steps += len(alive)

@@ -190,6 +190,25 @@ def write_motors(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def friction_of(c: NDArray[np.float64], driving: float, external: float, velocity: float) -> float:
+    """Return one joint's friction under a load [Nm]; see `friction_loss`.
+
+    Args:
+        c: Its row of `ServoParameters.friction`, shape (9,).
+        driving: Torque of the motor [Nm].
+        external: Torque from outside [Nm].
+        velocity: [rad/s].
+    """
+    speed = abs(velocity) * c[2]
+    still = np.exp(-speed if c[7] == 1.0 else -(speed ** c[7]))
+    load = abs(c[4] * external - c[3] * driving)
+    friction = c[0] + load + still * (c[1] + c[5] * abs(external) + c[6] * abs(driving))
+    if c[8] != 0.0:
+        friction *= 1.0 + c[8] * np.sign(velocity if velocity != 0.0 else external + driving)
+    return friction
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def friction_loss(
     coefficients: NDArray[np.float64],
     dofs: NDArray[np.int64],
@@ -215,17 +234,10 @@ def friction_loss(
     """
     for lane in range(coefficients.shape[0]):
         for joint in range(dofs.shape[0]):
-            c = coefficients[lane, joint]
             dof = dofs[joint]
-            external, driving = -bias[lane, dof], motor[lane, dof]
-            speed = abs(velocity[lane, dof]) * c[2]
-            still = np.exp(-speed if c[7] == 1.0 else -(speed ** c[7]))
-            load = abs(c[4] * external - c[3] * driving)
-            friction = c[0] + load + still * (c[1] + c[5] * abs(external) + c[6] * abs(driving))
-            if c[8] != 0.0:
-                heading = velocity[lane, dof] if velocity[lane, dof] != 0.0 else external + driving
-                friction *= 1.0 + c[8] * np.sign(heading)
-            loss[lane, dof] = friction
+            loss[lane, dof] = friction_of(
+                coefficients[lane, joint], motor[lane, dof], -bias[lane, dof], velocity[lane, dof]
+            )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
