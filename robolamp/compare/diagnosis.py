@@ -16,6 +16,7 @@ import numpy as np
 from robolamp.calibration import Calibration
 from robolamp.compare.align import JointError
 from robolamp.compare.explain import Explanation
+from robolamp.compare.knobs import SLOW_LINE
 from robolamp.dynamixel.servos import tick_wire_time
 from robolamp.lamp import Lamp
 from robolamp.log.reader import Run
@@ -77,7 +78,9 @@ def diagnose(
     noisy = [each for each in explained if not each.knob]
     first = not bent or (noisy and noisy[0].share > explained[0].share)
     heard = [*noises(noisy)]
-    return [*(heard if first else ()), *bent, *(() if first else heard), *complaints(run, joints, calibration, lamp)]
+    named = {each.knob for each in bent}
+    rest = [each for each in complaints(run, joints, calibration, lamp) if not each.knob or each.knob not in named]
+    return [*(heard if first else ()), *bent, *(() if first else heard), *rest]
 
 
 def noises(found: Sequence[Explanation]) -> Iterator[Finding]:
@@ -145,6 +148,8 @@ def _facts(run: Run, one: Explanation, joints: Sequence[JointError]) -> Iterator
         lags = ", ".join(f"{each.name} {each.lag * 1e3:+.1f} ms" for each in joints if math.isfinite(each.lag))
         if lags:
             yield f"lag behind the twin: {lags}"
+    if kind == "latency":
+        yield f"an answer takes {float(np.median(run.read_done - run.began)) * 1e3:.1f} ms (median)"
     if kind in ("supply", "resistance", "drain"):
         volts = run.voltage[np.isfinite(run.voltage)]
         if volts.size:
@@ -171,7 +176,7 @@ def complaints(run: Run, joints: Sequence[JointError], calibration: Calibration,
         yield Finding(
             f"the line to the servos holds everything up by at least {(answer - wire) * 1e3:.1f} ms",
             f"an answer takes {answer * 1e3:.1f} ms (median); its packets are at most {wire * 1e3:.1f} ms on the wire",
-            "set the USB adapter's latency timer to 1 ms and plug it in without a hub; leave the computer to the loop",
+            SLOW_LINE,
             "latency",
             answer - wire,
             "s",

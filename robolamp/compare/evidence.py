@@ -126,7 +126,7 @@ class Evidence:
         predicted = np.full(self.readings.value.size, np.nan)
         n = len(run.joints)
         at = run.measured_at[rows]
-        seen = run.sampled_at[rows]
+        seen = run.sampled_at[rows] + change.asked
         angle = np.column_stack([np.interp(seen[:, j], record.time, record.angle[:, lane, j]) for j in range(n)])
         # Currents and forces are those of the step before: an impact is not smeared over two of them.
         held = record.current[_before(record.time, seen.ravel()).reshape(seen.shape), lane, np.arange(n)]
@@ -171,7 +171,7 @@ def _before(time: Array, moment: Array) -> NDArray[np.int64]:
 
 def _moving(change: Change) -> Change:
     """Return the part of a change that makes the lamp move differently."""
-    return replace(change, foot_gain=1.0, foot_offset=0.0, foot_drift=0.0)
+    return replace(change, asked=0.0, foot_gain=1.0, foot_offset=0.0, foot_drift=0.0)
 
 
 def _readings(run: Run, rows: NDArray[np.int64]) -> Readings:

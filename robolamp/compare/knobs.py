@@ -25,6 +25,7 @@ class Change:
     Attributes:
         bend: Of its model.
         late: How much later than it was sent a goal arrives [s].
+        asked: How much later than its stamp an angle is sampled, since the question is held up, too [s].
         resistance: Of the supply [Ohm].
         drain: By how much the supply falls [V/s].
         zero: True angle less the reported one, shape (n,) [rad]; empty: none.
@@ -36,6 +37,7 @@ class Change:
 
     bend: Bend = field(default_factory=Bend)
     late: float = 0.0
+    asked: float = 0.0
     resistance: float = 0.0
     drain: float = 0.0
     zero: tuple[float, ...] = ()
@@ -147,6 +149,9 @@ def _zero(size: float, joint: int, of: int) -> Change:
     return Change(zero=tuple(size if index == joint else 0.0 for index in range(of)))
 
 
+SLOW_LINE = "set the USB adapter's latency timer to 1 ms and plug it in without a hub; leave the computer to the loop"
+"""What settles a line that holds packets up."""
+
 _RECORD = "`robolamp calibrate record` and `robolamp calibrate lamp`"
 
 KINDS: Mapping[str, Kind] = MappingProxyType(
@@ -177,6 +182,12 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             "goals take effect {size} later than {than}", "goals take effect {size} earlier than {than}",
             "`robolamp calibrate record` and `robolamp calibrate lamp` settle the servos' delay; on a slow line, set "
             "the adapter's latency timer to 1 ms",
+        ),
+        "latency": Kind(
+            "s", (0.001, 0.003), 0.0, 0.05, 0.0003,
+            lambda size, joint, of: Change(late=size, asked=size),
+            "the line to the servos holds everything up by {size}", "",
+            SLOW_LINE,
         ),
         "supply": Kind(
             "V", (-0.3, 0.3), -3.0, 3.0, 0.05,

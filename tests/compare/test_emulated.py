@@ -65,6 +65,13 @@ def test_a_noisy_encoder_is_named_first_with_its_size(tmp_path):
     assert first.size == pytest.approx(0.0015, rel=0.4)
 
 
+def test_a_line_that_holds_everything_up_is_named_first_with_its_size(tmp_path):
+    log = hop(tmp_path / "log.mcap", replace(NONE, latency=0.003))
+    first = explain(Evidence(read_run(log), LAMP, CALIBRATION, ASSETS), LAMP)[0]
+    assert first.name == "latency"
+    assert first.size == pytest.approx(0.003, rel=0.25)
+
+
 def test_a_weak_knee_in_the_emulator_is_named_first_with_its_size(weak, tmp_path, capsys):
     truth = weak.with_name("truth.mcap")
     code, out, err = call(capsys, weak, "--truth", truth, "--json", "-o", tmp_path / "r.html")
