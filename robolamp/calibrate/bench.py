@@ -10,7 +10,6 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
-import mujoco
 import numpy as np
 from mujoco.batch import Batch
 from numba import njit
@@ -18,16 +17,14 @@ from numpy.typing import NDArray
 
 from robolamp.calibrate.pendulum import (
     COLUMN,
-    FIRM,
     OPEN,
-    POINT,
-    QUICK,
     TIMESTEP,
     Track,
     goal_of_step,
     require_pendulum,
 )
 from robolamp.calibrate.recordings import COUNTS_PER_RADIAN, FULL_DUTY, Recording
+from robolamp.twin.pendulum import pendulum_model
 from robolamp.twin.servo import friction_loss, weaken
 
 Array = NDArray[np.float64]
@@ -60,7 +57,7 @@ class Bench:
         self.timestep = timestep
         self.workers = workers or len(os.sched_getaffinity(0))
         self.steps = 0
-        self._model = _model(timestep)
+        self._model = pendulum_model(timestep)
         self._tracks = [Track(recording, timestep) for recording in recordings]
 
     def simulate(self, parameters: Array, which: Sequence[int] | None = None) -> list[Array]:
@@ -135,6 +132,7 @@ class _Inputs:
         for column in range(len(tracks[0].arrays)):
             rows = np.stack([np.pad(t.arrays[column], (0, width - len(t.samples) - 1), mode="edge") for t in tracks])
             self._arrays.append(rows)
+        self._release = np.array([track.release for track in tracks])
         self._cursor = np.zeros((len(tracks), 2), np.int64)
 
     def drive(
@@ -143,29 +141,10 @@ class _Inputs:
         """Give every lane what its servo is told and fed in the next step; see `_drive`."""
         times, goals, samples, volts, warmth, torque, p_gain = self._arrays
         _drive(
-            now, timestep, sets, times, goals, samples, volts, warmth, torque, p_gain, self._cursor,
+            now, timestep, sets, times, goals, samples, volts, warmth, torque, p_gain, self._release,
+            self._cursor,
             ctrl, gain, damping, weakness,
         )  # fmt: skip
-
-
-def _model(timestep: float) -> mujoco.MjModel:
-    spec = mujoco.MjSpec()
-    spec.option.timestep = timestep
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    body = spec.worldbody.add_body(name="pendulum")
-    body.add_joint(
-        name="shaft", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, -1, 0],
-        frictionloss=1e-6, solref_friction=[QUICK, 1.0], solimp_friction=[FIRM, FIRM, 0.001, 0.5, 2.0],
-    )  # fmt: skip
-    body.explicitinertial, body.mass, body.ipos, body.inertia = True, 1.0, [0.0, 0.0, -0.1], [POINT] * 3
-    actuator = spec.add_actuator(name="servo", target="shaft", trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    actuator.set_to_dcmotor(
-        motorconst=[1.0, 1.0],
-        resistance=1.0,
-        controller=[1.0, 0.0, 1.0, 0.0, 0.0, 1.0],
-        ctrlspec=int(mujoco.mjtCtrlInput.mjINPUT_POS),
-    )
-    return spec.compile()
 
 
 def _set_constants(batch: Batch, tracks: Sequence[Track], sets: Array) -> None:
@@ -216,6 +195,7 @@ def _drive(
     warmth: Array,
     torque: Array,
     p_gain: Array,
+    release: Array,
     cursor: NDArray[np.int64],
     ctrl: Array,
     gain: Array,
@@ -235,6 +215,7 @@ def _drive(
         warmth: Degrees above the reference temperature at each sample.
         torque: Torque Enable with each goal.
         p_gain: Position P Gain with each goal.
+        release: When torque goes off, whatever the goals say, shape (lanes,) [s].
         cursor: The goal and the sample in force, shape (lanes, 2); written to.
         ctrl: Shape (lanes, 1); written to.
         gain: `actuator_gainprm`, shape (lanes, 1, 10); written to.
@@ -255,11 +236,14 @@ def _drive(
         resistance = values[_RESISTANCE] * max(1.0 + values[_WARM_R] * warm, 0.1)
         weakness[lane, 0, 1] = resistance
         damping[lane, 0] = values[_VISCOUS] * np.exp(values[_WARM_B] * warm)
-        if torque[lane, at] == 0.0:
+        share = min((release[lane] - time) / timestep, 1.0)  # of this step in which the motor is driven
+        if torque[lane, at] == 0.0 or share <= 0.0:
             motor[_R], motor[_KP], motor[_KD] = OPEN, 0.0, 0.0
             continue
         if motor[_R] == OPEN or (values[_SATURATION] == 0.0 and values[_SUPPLY] == 0.0):
             motor[_R] = resistance
+        if share < 1.0:
+            motor[_R] /= share
         k, volt = values[_K], volts[lane, row]
         kv = p_gain[lane, at] * COUNTS_PER_RADIAN / (values[_DIVISOR] * FULL_DUTY) * volt
         motor[_KP], motor[_KD], motor[_VMAX] = kv * k / motor[_R], k * k / motor[_R], volt

@@ -17,6 +17,7 @@ from robolamp.calibrate.identify import Problem, Solution
 from robolamp.calibrate.ladder import LADDER, Chart, Rung, correlation_words, switched_off
 from robolamp.calibrate.pendulum import Pendulum, parameter_set
 from robolamp.calibrate.recordings import Recording
+from robolamp.calibrate.told import POWERED, at_bound, dropped, told_apart
 from robolamp.calibration import JOINT, SERVO, Calibration
 from robolamp.errors import RobolampError
 
@@ -25,17 +26,9 @@ Array = NDArray[np.float64]
 IDENTIFIED = 0.6
 """A parameter is settled when its standard error is below this share of its prior's."""
 
-TOLD = 0.75
-"""A parameter is identified when the recordings by themselves tell it to this share of its prior's error."""
-
 _PARTS = 3  # the recordings are dealt into
 _GAIN = 0.99  # a rung is worth it when it lowers the error left out by a hundredth
 _PATIENCE = 2  # rungs without gain after which nobody climbs on
-_POWERED = ("torque_constant", "resistance", "viscous")
-# While a motor drives, K / R and K^2 / R + viscous are all that moves it: what else seems to tell the three apart is
-# the friction terms' share of the motor's torque, and as uncertain as those.
-_FALL = 0.1  # motion with torque off that shows friction without back-EMF [rad]
-_RIDGE = 1e-6  # what is left of a prior where it is taken away: keeps the inverse finite
 _SCATTER = 0.4  # of starts around the best guess, in standard deviations of the priors
 
 
@@ -67,6 +60,7 @@ class ServoFit:
         solution: The parameters.
         ladder: What each rung brought.
         mae: Mean absolute error of each recording, shape (k,) [rad].
+        unseen: Error on recordings left out in turn, with the same parameters free [rad]; NaN where none could be.
         left_out: Names of recordings that were left out on request, and their errors [rad].
         seconds: How long it took.
         servo_seconds: How much servo time was simulated [s].
@@ -78,6 +72,7 @@ class ServoFit:
     solution: Solution
     ladder: tuple[Climbed, ...]
     mae: Array
+    unseen: float
     left_out: dict[str, float]
     seconds: float
     servo_seconds: float
@@ -85,9 +80,7 @@ class ServoFit:
     @property
     def left_out_mae(self) -> float:
         """Error on recordings left out, with the terms that were kept [rad]; NaN where none could be."""
-        if self.left_out:
-            return float(np.mean(list(self.left_out.values())))
-        return [each.left_out_mae for each in self.ladder if each.kept][-1]
+        return float(np.mean(list(self.left_out.values()))) if self.left_out else self.unseen
 
     @property
     def sigma(self) -> dict[str, float]:
@@ -103,34 +96,20 @@ class ServoFit:
         return dict(zip(self.solution.chart.names, sigma.tolist(), strict=True))
 
     def identified(self, name: str) -> bool:
-        """Whether the recordings tell a parameter: by themselves, not by what the priors say of the others."""
+        """Whether the recordings tell a parameter; else it is at its prior or at its bound."""
         if name not in self.solution.chart.names or name in self.at_bound:
             return False
-        if name in _POWERED and not self.dropped:
-            return False
-        prior = np.eye(len(self.solution.z))
-        alone = np.linalg.inv(np.linalg.inv(self.solution.covariance) - (1 - _RIDGE) * prior)
-        index = self.solution.chart.names.index(name)
-        return 0.0 < alone[index, index] < TOLD**2
+        return told_apart(self.solution, name, self.dropped)
 
     @property
     def dropped(self) -> bool:
         """Whether a recording shows the servo moving with its torque off."""
-        return any(
-            np.ptp(recording.angle[~recording.torque]) > _FALL
-            for recording in self.recordings
-            if not recording.torque.all()
-        )
+        return dropped(self.recordings)
 
     @property
     def at_bound(self) -> list[str]:
         """Free parameters that ended at the edge of what they may be."""
-        chart, z = self.solution.chart, self.solution.z
-        return [
-            name
-            for name, value, low, high in zip(chart.names, z, chart.low, chart.high, strict=True)
-            if min(value - low, high - value) < 1e-3
-        ]
+        return at_bound(self.solution)
 
     @property
     def inseparable(self) -> list[list[str]]:
@@ -199,8 +178,11 @@ def fit_servo(
     ladder = [Climbed(rung, index <= top, mae, unseen) for index, (rung, _, mae, unseen) in enumerate(climbed)]
     found = climbed[top][1]
     told(f"kept up to: {ladder[top].rung.name}; once more from {2 * starts} starts")
-    found = search.fit(found.chart.names, found, used, 2 * starts)
-    found = _settled(search, found, used)
+    names_found = found.chart.names
+    again = (search.fit(names_found, before, used, starts) for before in (found, None))
+    found = min(again, key=lambda solution: solution.objective)
+    found, held = _settled(search, found, used, dropped([recordings[index] for index in used]))
+    unseen = search.left_out(found, held) if held and not held_back else climbed[top][3]
     return ServoFit(
         servo=servo,
         base=base,
@@ -208,6 +190,7 @@ def fit_servo(
         solution=found,
         ladder=tuple(ladder),
         mae=search.mae(found, used),
+        unseen=unseen,
         left_out=dict(zip([names[i] for i in held_back], search.mae(found, held_back).tolist(), strict=True)),
         seconds=time.monotonic() - began,
         servo_seconds=pendulum.steps * pendulum.timestep,
@@ -229,22 +212,36 @@ class _Search:
         self._pendulum, self._centre, self._used, self._parts = pendulum, centre, used, parts
         self._rng, self._starts = rng, starts
 
-    def fit(self, names: Sequence[str], before: Solution | None, which: Sequence[int], starts: int) -> Solution:
-        """Fit parameters, from a solution with fewer of them and from around it."""
-        chart = Chart(names, self._centre, switched_off(self._centre))
-        first = np.zeros(len(names))
-        if before is not None:
-            known = dict(zip(before.chart.names, before.z.tolist(), strict=True))
-            first = np.array([known.get(name, 0.0) for name in names])
-        around = [first + _SCATTER * self._rng.standard_normal(len(names)) for _ in range(starts - 1)]
-        return Problem(self._pendulum, which).best(chart, [first, *around])
+    def fit(
+        self, names: Sequence[str], before: Solution | None, which: Sequence[int], starts: int, held: Sequence[str] = ()
+    ) -> Solution:
+        """Fit parameters; those held keep their priors.
 
-    def left_out(self, solution: Solution) -> float:
-        """Return the error on recordings left out: each part predicted by a fit to the others [rad]."""
+        From a solution with fewer of them and from around it; without one, from the best of many draws.
+        """
+        names = [name for name in names if name not in held]
+        chart = Chart(
+            names, self._centre, {**switched_off(self._centre), **{name: self._centre[name] for name in held}}
+        )
+        problem = Problem(self._pendulum, which)
+        if before is None:
+            return problem.best(chart, problem.starts(chart, self._rng, starts))
+        known = dict(zip(before.chart.names, before.z.tolist(), strict=True))
+        first = np.array([known.get(name, 0.0) for name in names])
+        around = [first + _SCATTER * self._rng.standard_normal(len(names)) for _ in range(starts - 1)]
+        return problem.best(chart, [first, *around])
+
+    def left_out(self, solution: Solution, held: Sequence[str] = ()) -> float:
+        """Return the error on recordings left out: each part predicted by a fit to the others [rad].
+
+        Args:
+            solution: What is fitted, and from where.
+            held: Its parameters that keep their priors.
+        """
         errors = []
         for seen, unseen in self._parts:
             alone = seen == list(self._used)  # left out on request: the solution has not seen them
-            part = solution if alone else self.fit(solution.chart.names, solution, seen, self._starts)
+            part = solution if alone else self.fit(solution.chart.names, solution, seen, self._starts, held)
             errors.append(self.mae(part, unseen))
         return float(np.concatenate(errors).mean()) if errors else float("nan")
 
@@ -256,30 +253,30 @@ class _Search:
             np.abs(angle[0] - recording.angle).mean() for angle, recording in zip(angles, recordings, strict=True)
         ])  # fmt: skip
 
-    def hold(self, solution: Solution, name: str, which: Sequence[int]) -> Solution:
-        """Return a fit with one parameter less: it keeps its prior."""
-        rest = [other for other in solution.chart.names if other != name]
-        chart = Chart(rest, self._centre, {**solution.chart.held, name: self._centre[name]})
+    def hold(self, solution: Solution, names: Sequence[str], which: Sequence[int]) -> Solution:
+        """Return a fit with fewer parameters: those named keep their priors, the others are fitted around them."""
+        rest = [other for other in solution.chart.names if other not in names]
+        chart = Chart(rest, self._centre, {**solution.chart.held, **{name: self._centre[name] for name in names}})
         known = dict(zip(solution.chart.names, solution.z.tolist(), strict=True))
         return Problem(self._pendulum, which).fit(chart, np.array([known[other] for other in rest]))
 
 
-def _settled(search: _Search, solution: Solution, which: Sequence[int]) -> Solution:
-    """Return a solution whose parameters that the recordings do not tell are at their priors, the others refitted.
+def _settled(search: _Search, solution: Solution, which: Sequence[int], dropped: bool) -> tuple[Solution, list[str]]:
+    """Return a solution whose parameters that the recordings do not tell are at their priors, and which these are.
+
+    The others are fitted again around them.
 
     Its covariance stays that of all of them: what is known of a parameter does not grow by holding another.
     """
-    chart, z, covariance = solution.chart, solution.z, solution.covariance
-    values = solution
-    for _ in range(len(chart.names)):
-        deviations = np.sqrt(np.diag(values.covariance))
-        worst = int(np.argmax(deviations))
-        if deviations[worst] < IDENTIFIED:
-            break
-        values = search.hold(values, values.chart.names[worst], which)
-    found = values.values
-    z = chart.coordinates(np.array([found[name] for name in chart.names]))
-    return Solution(chart, np.clip(z, chart.low, chart.high), values.objective, covariance)
+    chart, bound = solution.chart, at_bound(solution)
+    untold = [name for name in chart.names if name not in bound and not told_apart(solution, name, dropped)]
+    if not untold:
+        return solution, untold
+    if len(untold) == len(chart.names):
+        return Solution(chart, np.zeros(len(untold)), solution.objective, solution.covariance), untold
+    held = search.hold(solution, untold, which)
+    z = chart.coordinates(np.array([held.values[name] for name in chart.names]))
+    return Solution(chart, np.clip(z, chart.low, chart.high), held.objective, solution.covariance), untold
 
 
 def _top(climbed: Sequence[tuple[Rung, Solution, float, float]], centre: dict[str, float]) -> int:
@@ -318,15 +315,18 @@ def advice(fit: ServoFit) -> list[str]:
     """Return in words what the recordings do not tell, and what to record for it."""
     said = []
     together = fit.inseparable
-    motor = {name for name in _POWERED if name in fit.sigma and not fit.identified(name)}
+    motor = {name for name in POWERED if name in fit.sigma and not fit.identified(name)}
     if motor and not fit.dropped:
         said.append(
             "torque_constant and resistance cannot be separated: powered motion tells only K / R and K^2 / R + "
-            "viscous; record a torque-off drop to separate K from R"
+            "viscous; they keep their priors; record a torque-off drop to separate K from R"
         )
     for group in together:
         if fit.dropped or not motor & set(group):
-            said.append(f"{' and '.join(group)} cannot be separated by these recordings")
+            kept = [name for name in group if not fit.identified(name) and name not in fit.at_bound]
+            verb = "keeps its prior" if len(kept) == 1 else "keep their priors"
+            also = f"; {' and '.join(kept)} {verb}" if kept else ""
+            said.append(f"{' and '.join(group)} cannot be separated by these recordings{also}")
     for name in fit.solution.chart.names:
         if name in fit.at_bound:
             said.append(f"{name} is at its bound, {fit.solution.values[name]:g} {_unit(name)}")

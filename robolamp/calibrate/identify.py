@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from robolamp.calibrate.ladder import Chart
 from robolamp.calibrate.pendulum import Pendulum, parameter_set
+from robolamp.dynamixel.registers import VOLTAGE_UNIT
 
 Array = NDArray[np.float64]
 
@@ -36,6 +37,9 @@ _FINE = 0.5  # a fit that leaves less than this share of SCALE is done again in 
 # recordings tell apart by the fifth digit what no recording of a real servo does.
 _FLOOR = 2 * np.pi / 4096  # [rad]
 _ALIKE = 0.02  # [s]
+# A supply that stands still is read with one and the same rounding, evenly spread over a step: its standard deviation.
+_SUPPLY = VOLTAGE_UNIT / np.sqrt(12.0)  # [V]
+_DRAWN, _FARTHEST = 256, 2.5  # starts looked at, and how far from a prior's centre in its standard deviations
 _STEPS = (0.02, 0.1, 0.02, 0.005)  # of finite differences, in standard deviations of the prior
 _ENOUGH = 0.99  # of the objective: what is left after another round that is not worth the next
 
@@ -100,6 +104,26 @@ class Problem:
         self._length = [len(recording.angle) for recording in chosen]
         self._duration = [recording.duration for recording in chosen]
         self._step = _STEPS[0]
+
+    def starts(self, chart: Chart, rng: np.random.Generator, count: int) -> list[Array]:
+        """Return starts that are worth a fit: the best of many drawn from the priors, the best one first.
+
+        Where an arm comes to rest is a matter of friction, and a fit that begins with far too little or too much of it
+        ends in a valley of its own.
+
+        Args:
+            chart: What is free.
+            rng: Where they are drawn from.
+            count: How many.
+        """
+        drawn = np.clip(rng.standard_normal((_DRAWN, len(chart.names))), -_FARTHEST, _FARTHEST)
+        drawn = np.clip(drawn, chart.low, chart.high)
+        norm = _Norm(self._weights(np.full(len(self._length), CORRELATION_TIME)))
+        found = []
+        for part in np.array_split(drawn, _DRAWN // 16):  # no more errors in memory at once than a fit's
+            for errors, z in zip(self._errors(chart, part), part, strict=True):
+                found.append(float(norm.value(np.concatenate([errors / SCALE, z])[:, None])))
+        return [drawn[index] for index in np.argsort(found)[:count]]
 
     def fit(self, chart: Chart, start: Array, iterations: int = 30) -> Solution:
         """Fit the chart's parameters from one start.
@@ -167,9 +191,9 @@ class Problem:
             told(number, found[-1].objective)
         return min(found, key=lambda solution: solution.objective)
 
-    def _errors(self, chart: Chart, z: Array) -> Array:
+    def _errors(self, chart: Chart, z: Array, volts: float = 0.0) -> Array:
         sets = np.stack([parameter_set(chart.complete(row)) for row in z])
-        return np.concatenate(self._pendulum.simulate(sets, self._which), axis=1) - self._measured
+        return np.concatenate(self._pendulum.simulate(sets, self._which, volts), axis=1) - self._measured
 
     def _slopes(self, chart: Chart, z: Array) -> Array:
         """Return central differences of the errors, shape (samples, n): friction makes one-sided ones rough."""
@@ -186,12 +210,16 @@ class Problem:
         return np.concatenate(parts)
 
     def _covariance(self, chart: Chart, z: Array) -> Array:
-        """Return the covariance at a solution, from the residuals' own size and correlation."""
+        """Return the covariance at a solution, from the residuals' own size and correlation.
+
+        The supply counts as one more unknown that all recordings share: it is read in steps.
+        """
         size, correlation = self._left(chart, z)
         norm = _Norm(self._weights(correlation))
-        slopes = self._slopes(chart, z) / size
+        low, high = (self._errors(chart, z[None], sign * _SUPPLY)[0] for sign in (-1.0, 1.0))
+        slopes = np.column_stack([self._slopes(chart, z), (high - low) / 2]) / size
         information = slopes.T @ (norm.slack(self._errors(chart, z[None]).T / size) * slopes)
-        return np.linalg.inv(information + np.eye(len(z))).astype(np.float64)
+        return np.linalg.inv(information + np.eye(len(z) + 1))[:-1, :-1].astype(np.float64)
 
     def _left(self, chart: Chart, z: Array) -> tuple[float, Array]:
         """Return the residuals' root mean square [rad], and each recording's correlation time, shape (k,) [s]."""

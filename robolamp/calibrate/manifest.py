@@ -45,6 +45,7 @@ class Manifest:
         date: When it began, as 2026-11-22.
         mass: Of the whole lamp, as weighed [kg]; None where it was not.
         entries: What was recorded, in order.
+        servo: Model of the servo, where one alone was recorded on a bench; else empty.
     """
 
     lamp_sha256: str
@@ -53,6 +54,7 @@ class Manifest:
     date: str
     mass: float | None = None
     entries: tuple[Entry, ...] = field(default=())
+    servo: str = ""
 
     def done(self, step: str) -> Entry | None:
         """Return the entry of a step; None while there is none."""
@@ -76,6 +78,8 @@ class Manifest:
         }  # fmt: skip
         for key, value in head.items():
             document.add(key, tomlkit.item(value))
+        if self.servo:
+            document.add("servo", tomlkit.item(self.servo))
         if self.mass is not None:
             document.add("mass", tomlkit.item(self.mass))
             document["mass"].comment("kg")
@@ -124,6 +128,7 @@ def load_manifest(folder: Path) -> Manifest | None:
         root.text("date"),
         root.number("mass", 0.01, 100.0, "kg", default=None),
         tuple(entries),
+        root.text("servo", default=""),
     )
     root.done()
     return manifest

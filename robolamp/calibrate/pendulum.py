@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from robolamp.calibrate.recordings import COUNTS_PER_RADIAN, FULL_DUTY, Recording
 from robolamp.calibration import JOINT, SERVO
 from robolamp.errors import FileError
+from robolamp.twin.pendulum import FIRM, POINT, QUICK
 from robolamp.twin.servo import REFERENCE_TEMPERATURE
 
 Array = NDArray[np.float64]
@@ -32,17 +33,8 @@ COLUMN = {name: column for column, name in enumerate(PARAMETERS)}
 TIMESTEP = 0.001
 """Physics step [s]."""
 
-POINT = 1e-9
-"""Moment of inertia of the weight itself [kg m^2]: its mass counts as a point."""
-
 OPEN = 1e9
 """Resistance of a winding without torque [Ohm]."""
-
-FIRM = 0.999
-"""MuJoCo's d of the friction constraint: with its 0.9 an arm that friction holds creeps by degrees in seconds."""
-
-QUICK = 0.004
-"""Time constant of the friction constraint [s]: four steps."""
 
 _GRAVITY = 9.81  # MuJoCo's [m/s^2]
 _SMOOTH = 0.5  # see `supply` [s]
@@ -110,6 +102,7 @@ class Track:
             np.append(recording.p_gain, math.nan),
         )
         self.start = np.array(start(recording))
+        self.release = recording.release - begin
         self.mass, self.length = float(recording.mass or 0.0), float(recording.length or 0.0)
 
 
@@ -139,12 +132,13 @@ class Pendulum:
         self._workers = workers or len(os.sched_getaffinity(0))
         self._tracks = [Track(recording, timestep) for recording in recordings]
 
-    def simulate(self, parameters: Array, which: Sequence[int] | None = None) -> list[Array]:
+    def simulate(self, parameters: Array, which: Sequence[int] | None = None, volts: float = 0.0) -> list[Array]:
         """Simulate recordings from their first sample to their last.
 
         Args:
             parameters: Parameter sets, shape (m, len(PARAMETERS)).
             which: Indices of the recordings; None: all.
+            volts: Added to the supply as recorded [V].
 
         Returns:
             For each of them the angles that the encoder would have read at its samples, shape (m, k) [rad].
@@ -156,7 +150,10 @@ class Pendulum:
             for index, angles in zip(chosen, found, strict=True):
                 track = self._tracks[index]
                 for values, row in zip(parameters[share], angles[share], strict=True):
-                    _swing(values, track.mass, track.length, self.timestep, track.start, *track.arrays, row)
+                    _swing(
+                        values, track.mass, track.length, self.timestep, track.release, volts, track.start,
+                        *track.arrays, row,
+                    )  # fmt: skip
 
         if self._workers == 1 or len(parameters) == 1:
             work(slice(None))
@@ -220,6 +217,8 @@ def _swing(
     mass: float,
     length: float,
     timestep: float,
+    release: float,
+    more: float,
     begin: Array,
     times: Array,
     goals: Array,
@@ -230,7 +229,9 @@ def _swing(
     p_gain: Array,
     angles: Array,
 ) -> None:
-    """Simulate one recording with one parameter set; the arrays are those of `Track`.
+    """Simulate one recording with one parameter set; the arrays and `release` are those of `Track`.
+
+    `more` is added to the supply [V].
 
     implicitfast integration, and the friction constraint in closed form: with one degree of freedom it is
     clip(-M d (a0 + b w), -loss, loss), b = 2 / (d time constant) (MuJoCo's documentation, "Computation").
@@ -251,17 +252,20 @@ def _swing(
         warm = warmth[row]
         resistance = p[_RESISTANCE] * max(1.0 + p[_WARM_R] * warm, 0.1)
         viscous = p[_VISCOUS] * math.exp(p[_WARM_B] * warm)
-        if torque[at] == 0.0:
+        share = min((release - time) / timestep, 1.0)  # of this step in which the motor is driven
+        if torque[at] == 0.0 or share <= 0.0:
             winding = OPEN
         else:
             if winding == OPEN or not weak:
                 winding = resistance
-            volt = volts[row]
+            volt = volts[row] + more
             if weak:  # as `robolamp.twin.servo.weaken`
                 drop = driving / k * winding
                 duty = (drop + k * speed) / volt
                 winding = resistance * (1.0 + p[_SATURATION] * abs(drop / resistance))
                 winding += p[_SUPPLY] * min(duty * duty, 1.0)
+            if share < 1.0:
+                winding /= share
         # As `robolamp.twin.servo.friction_loss`, from the torques of the last step.
         relative = abs(speed) / p[_STRIBECK_W]
         still = math.exp(-relative if p[_EXPONENT] == 1.0 else -(relative ** p[_EXPONENT]))

@@ -38,7 +38,7 @@ class Connection:
 
     Attributes:
         servo_port: Of the servo bus: a path, or a port object.
-        foot_port: Of the foot sensor: a path, or a port object.
+        foot_port: Of the foot sensor: a path, or a port object; None: there is none, as on a servo's bench.
         clock: The time at the ports.
         epoch: Nanoseconds since the epoch at a virtual clock's 0; None: real time.
         patience: How long an answer may be late before it is a gap [s].
@@ -47,7 +47,7 @@ class Connection:
     """
 
     servo_port: str | Port
-    foot_port: str | ByteSource
+    foot_port: str | ByteSource | None
     clock: Clock
     epoch: int | None = None
     patience: float = PATIENCE
@@ -87,6 +87,8 @@ class Session:
         by: Who records; may be empty.
         date: Today, as 2026-11-22.
         stop: Requests to stop.
+        servo: Model of the servo, where one alone is recorded on a bench: nothing is weighed then.
+        fix: Whether servo settings that are wrong are mended.
     """
 
     lamp: Lamp
@@ -97,6 +99,8 @@ class Session:
     by: str
     date: str
     stop: StopRequest
+    servo: str = ""
+    fix: bool = False
 
 
 def record(
@@ -126,7 +130,7 @@ def record(
     """
     with alone(session.folder):
         manifest = _open(session)
-        if person and manifest.mass is None:
+        if person and manifest.mass is None and not session.servo:
             manifest = replace(manifest, mass=person.mass(WEIGH))
         manifest.write(session.folder)
         for number, step in enumerate(steps, 1):
@@ -152,10 +156,11 @@ def _open(session: Session) -> Manifest:
         others = sorted(item.name for item in session.folder.glob("*.mcap"))
         if others:
             raise FileError(f"holds {others[0]}, but no manifest; give a new or empty folder", str(session.folder))
-        return Manifest(ours, session.source, session.by, session.date)
+        return Manifest(ours, session.source, session.by, session.date, servo=session.servo)
     if found.lamp_sha256 != ours:
         raise FileError(
-            f"was begun with another lamp.toml ({found.lamp_sha256[:12]}, now {ours[:12]}); give a new folder",
+            f"was begun with another {session.lamp.path.name} ({found.lamp_sha256[:12]}, now {ours[:12]}); "
+            "give a new folder",
             str(session.folder),
         )
     if found.source != session.source:
@@ -204,7 +209,7 @@ def _play(
     ports: Connection,
     path: Path,
 ) -> RunResult:
-    robot = RobotLamp(lamp, ports.servo_port, ports.foot_port, ports.clock, patience=ports.patience)
+    robot = RobotLamp(lamp, ports.servo_port, ports.foot_port, ports.clock, patience=ports.patience, fix=session.fix)
     context = run_context(
         backend=session.source.split()[0],
         lamp=session.lamp,

@@ -1,6 +1,6 @@
 """Recordings of one servo each, whatever made them: robolamp's logs, BAM's recorder, or a table of numbers.
 
-    *.mcap   a log of robolamp: one recording a joint
+    *.mcap   a log of robolamp: one recording a joint; of a servo's bench, with its pendulum
     *.json   Rhoban/bam: `mass`, `length`, `kp`, `trajectory`, and `entries` with `timestamp`, `goal_position`,
              `position`, `speed`, `load`, `input_volts`, `temp`, `torque_enable`
     *.csv    columns time_s, goal_rad, angle_rad, and where known those of COLUMNS; lines `# key = value` before the
@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from robolamp.errors import FileError
 from robolamp.files import read_text, sha256
-from robolamp.log.reader import read_run
+from robolamp.log.reader import Run, read_run
 
 Array = NDArray[np.float64]
 
@@ -76,6 +76,7 @@ class Recording:
         mass: Of the pendulum's weight [kg]; None: not on a pendulum bench. Angle 0 is hanging straight down.
         length: From the shaft to the weight [m].
         trajectory: What was played; empty where the file does not say.
+        release: When torque went off for good, where that is known more exactly than `torque` tells [s]; else infinite.
     """
 
     name: str
@@ -98,6 +99,7 @@ class Recording:
     mass: float | None = None
     length: float | None = None
     trajectory: str = ""
+    release: float = math.inf
 
     @property
     def duration(self) -> float:
@@ -167,21 +169,31 @@ def read_recording(path: Path) -> list[Recording]:
     raise FileError(f"not a recording; expected one of {', '.join(SUFFIXES)}", str(path))
 
 
+# Bytes of instruction packets (e-manual, protocol 2.0): a read of one servo's state, its goal, and its torque.
+_READ, _GOAL, _TORQUE = 15, 19, 13
+_BITS = 10  # of a byte on the line
+
+
 def _read_log(path: Path) -> list[Recording]:
     run = read_run(path)
-    described = _joints_of(run.context.get("lamp", ""), path)
+    described, bench = _described(run.context.get("lamp", ""), path)
     # A recording session changes the gains that the lamp's description gives.
     gains = run.context.get("position_p_gain", "").split()
     if gains and (len(gains) != len(run.joints) or not all(gain.isdigit() for gain in gains)):
         raise FileError(f"position_p_gain: {' '.join(gains)!r} is not {len(run.joints)} whole numbers", str(path))
-    digest, sampled = sha256(path), run.sampled_at
+    digest, sampled, goal_time, release = sha256(path), run.sampled_at, run.write_done, math.inf
+    if bench:
+        # One servo: when its instructions arrive follows from the stamps and the time of their bytes.
+        byte = _BITS / bench["baud"]
+        sampled, goal_time = sampled + _READ * byte, goal_time + _GOAL * byte
+        release = _release(run) + (_GOAL + _TORQUE) * byte
     recordings = []
     for column, joint in enumerate(run.joints):
         servo, p_gain = described.get(joint, ("", math.nan))
         measured = np.isfinite(run.angle[:, column])  # an answer that was missed is no sample
         rows = {
             "time": sampled[:, column],
-            "goal_time": run.write_done,
+            "goal_time": goal_time,
             "goal": run.goal[:, column],
             "angle": run.angle[:, column],
             "velocity": run.velocity[:, column],
@@ -194,26 +206,45 @@ def _read_log(path: Path) -> list[Recording]:
         }
         recordings.append(
             Recording(
-                name=f"{path.name}#{joint}",
+                name=path.name if bench else f"{path.name}#{joint}",
                 path=path,
                 sha256=digest,
                 source="log",
                 servo=servo,
-                joint=joint,
+                joint="" if bench else joint,
                 trajectory=run.context.get("controller_name", ""),
+                mass=bench.get("mass"),
+                length=bench.get("length"),
+                release=release,
                 **{name: values[measured] for name, values in rows.items()},
             )
         )
     return recordings
 
 
-def _joints_of(lamp: str, path: Path) -> dict[str, tuple[str, float]]:
-    """Return servo model and P gain of each joint, from a lamp's description as logs keep it."""
+def _release(run: Run) -> float:
+    """Return when the last goal before torque went off had been sent [s]; infinite where torque stayed on."""
+    limp = np.flatnonzero(run.phase == "limp")
+    return float(run.write_done[limp[0] - 1]) if limp.size and limp[0] > 0 else math.inf
+
+
+def _described(lamp: str, path: Path) -> tuple[dict[str, tuple[str, float]], dict[str, float]]:
+    """Return servo model and P gain of each joint from a lamp's description as logs keep it, and a bench's numbers."""
     try:
-        joints = tomllib.loads(lamp).get("joint", [])
-        return {joint["name"]: (str(joint["servo"]), float(joint["position_p_gain"])) for joint in joints}
+        described = tomllib.loads(lamp)
+        joints = {
+            joint["name"]: (str(joint["servo"]), float(joint["position_p_gain"]))
+            for joint in described.get("joint", [])
+        }
+        bench = {}
+        if "pendulum" in described:
+            bench = {key: float(described["pendulum"][key]) for key in ("mass", "length")}
+            bench["baud"] = float(described["bus"]["baud"])
+        if (len(joints) != 1 and bench) or any(not 0 < value < math.inf for value in bench.values()):
+            raise ValueError
     except (ValueError, KeyError, TypeError, AttributeError):
         raise FileError("the lamp's description in the log is malformed", str(path)) from None
+    return joints, bench
 
 
 def _read_bam(path: Path) -> Recording:

@@ -76,7 +76,7 @@ def _fitted(fit: ServoFit, name: str, value: float) -> InlineTable:
     elif name in fit.at_bound:
         parameter = Parameter(_rounded(value), legal.unit, None, "fitted: at its bound", False)
     else:
-        source = f"not told by the recordings: its prior ({fit.base.name}), or what fits beside one"
+        source = f"not told by the recordings: its prior, from {fit.base.name}"
         parameter = Parameter(_rounded(value), legal.unit, None, source, False)
     return _inline(parameter)
 

@@ -91,6 +91,8 @@ def read_session(folder: Path, lamp: Lamp) -> LampSession:
     manifest = load_manifest(folder)
     if manifest is None:
         raise FileError(f"holds no {NAME}; expected a folder made by `robolamp calibrate record`", str(folder))
+    if manifest.servo:
+        raise FileError(f"is of a single {manifest.servo}, not of a lamp: `robolamp calibrate fit`", str(folder))
     check_recordings(manifest, folder)
     if not manifest.entries:
         raise FileError("nothing is recorded yet", str(folder))

@@ -9,7 +9,7 @@ from cyclopts import App
 app = App(name="calibrate", help_format="plaintext")
 # Import strings, as in `main`: scipy and mujoco load when a verb is called.
 _STEPS = {
-    "record": """Record a lamp for its calibration: the joints swing, drop and hop, one log a step.
+    "record": """Record a lamp for its calibration: the joints swing, drop and hop. Or one servo on a bench (--servo).
 
 Says what to do with your hands before each step, and goes on where it stopped when it is started again with the same
 folder. Some 20 minutes for the whole lamp; with --emulate seconds, and no hands.""",

@@ -31,7 +31,8 @@ def fit(
     """Fit a servo's parameters to recordings of it on a pendulum bench.
 
     Args:
-        recordings: Recordings (.json of Rhoban/bam, .csv), or folders of them; three or more.
+        recordings: Recordings, or folders of them; three or more: of `robolamp calibrate record --servo` (.mcap),
+            .json of Rhoban/bam, .csv.
         output: The calibration file to write.
         base: What is known before: a calibration file, or the name of one. Parameters stay near its values unless the
             recordings say otherwise.

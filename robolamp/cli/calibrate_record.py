@@ -1,4 +1,4 @@
-"""`robolamp calibrate record`: the recordings that a lamp's calibration is fitted to."""
+"""`robolamp calibrate record`: the recordings that a calibration of a lamp, or of one servo, is fitted to."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ from robolamp.errors import RobolampError
 if TYPE_CHECKING:
     from robolamp.calibrate.procedure import Step
     from robolamp.calibrate.record import Connect, Connection, Person
+    from robolamp.calibrate.servo_bench import ServoBench
+    from robolamp.lamp import Lamp
 
 _LEAST_GRAMS, _MOST_GRAMS = 50, 5000  # what a desk lamp on hobby servos may weigh
 
@@ -29,7 +31,9 @@ def record(
     port: str | None = None,
     foot_port: str | None = None,
     emulate: Annotated[bool, Parameter(negative="")] = False,
-    reality: str = "worn",
+    reality: str | None = None,
+    servo: Path | None = None,
+    fix: Annotated[bool, Parameter(negative="")] = False,
     step: Annotated[tuple[str, ...], Parameter(negative="", consume_multiple=False, show_default=False)] = (),
     unattended: Annotated[bool, Parameter(negative="")] = False,
     by: str = "",
@@ -37,11 +41,11 @@ def record(
     lamp: Path | None = None,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
-    """Record a lamp for its calibration: the joints swing, drop and hop, one log a step.
+    """Record a lamp for its calibration: the joints swing, drop and hop, one log a step. Or one servo on a bench.
 
     It says what to do with your hands before each step (clamp the base, stand the lamp up) and waits for Enter. Stop
     it at any time (Ctrl-C lands the lamp softly) and start it again with the same folder: it goes on where it stopped.
-    Some 20 minutes for the whole lamp. With --emulate there is no lamp and no waiting.
+    Some 20 minutes for the whole lamp, 3 for one servo. With --emulate there is no lamp and no waiting.
 
     Args:
         output: Folder for the recordings and their manifest.
@@ -49,7 +53,11 @@ def record(
         foot_port: Serial port of the foot sensor; by default foot.port of hardware/lamp.toml.
         emulate: Record an emulated lamp, in virtual time.
         reality: With --emulate, how that lamp differs from its twin: none, a file, or the name of one (worn);
-            random:SEED: everything differs; knob:KIND:SEED: one thing does, as knob:backlash:7.
+            random:SEED: everything differs; knob:KIND:SEED: one thing does, as knob:backlash:7. Without it worn, and
+            none for a servo.
+        servo: Record one servo that turns a pendulum instead of a lamp: a file as `robolamp emulate --servos` takes,
+            with one servo and its [servo.pendulum] (calibration/README.md has one).
+        fix: Mend servo settings that are wrong (EEPROM), as a new servo's Return Delay Time.
         step: Only this step; may be given several times. All steps: see calibration/README.md.
         unattended: Do not wait for Enter: for a lamp that stays clamped. Steps that need hands are left out.
         by: Who records, for the manifest.
@@ -61,14 +69,23 @@ def record(
         raise RobolampError("is of no use together with --emulate", "--port" if port else "--foot-port")
     if as_json and not (emulate or unattended):
         raise RobolampError("waits for nobody; expected --emulate or --unattended with it", "--json")
+    if servo is not None and foot_port:
+        raise RobolampError("is of no use together with --servo: a bench has no foot sensor", "--foot-port")
+    if reality is not None and not emulate:
+        raise RobolampError("is of no use without --emulate", "--reality")
+    if servo is not None and not emulate and not port:
+        raise RobolampError("is missing; expected the servo's serial port, or --emulate", "--port")
     setup = Setup.of(lamp, calibration)
 
     from robolamp.calibrate.procedure import procedure
     from robolamp.calibrate.record import Session
     from robolamp.calibrate.record import record as record_all
+    from robolamp.calibrate.servo_bench import bench_procedure, load_bench
     from robolamp.runtime.stop import StopRequest
 
-    steps = procedure(setup.lamp)
+    bench = None if servo is None else load_bench(servo, setup.assets, port or "")
+    described = setup.lamp if bench is None else bench.lamp
+    steps = procedure(setup.lamp) if bench is None else bench_procedure(bench)
     known = [one.name for one in steps]
     for name in step:
         if name not in known:
@@ -76,12 +93,17 @@ def record(
     chosen = [one for one in steps if (not step or one.name in step) and (emulate or not unattended or one.clamped)]
     person = None if emulate or unattended else _person()
     say = (lambda text: None) if as_json else print
-    source = f"emulator {reality}" if emulate else "lamp"
-    connect = emulated(setup, reality) if emulate else _physical(setup, port, foot_port)
+    bent = reality or ("worn" if bench is None else "none")
+    source = f"emulator {bent}" if emulate else "lamp"
+    if not emulate:
+        connect = _physical(described, port, foot_port, foot=bench is None)
+    else:
+        connect = emulated(setup, bent) if bench is None else emulated_servo(setup, bench, bent)
     with StopRequest() as stop:
         session = Session(
-            setup.lamp, setup.calibration, setup.assets, output, source, by, datetime.date.today().isoformat(), stop
-        )
+            described, setup.calibration, setup.assets, output, source, by, datetime.date.today().isoformat(), stop,
+            servo=bench.servo.model if bench else "", fix=fix,
+        )  # fmt: skip
         manifest = record_all(session, chosen, connect, person=person, say=say)
     left = [one.name for one in steps if not manifest.done(one.name)]
     if as_json:
@@ -91,7 +113,11 @@ def record(
         ]
         print_json({"folder": output, "recordings": recordings, "left": left})
     else:
-        rest = f"; left: {', '.join(left)}" if left else f"; next: robolamp calibrate fit {output} -o FILE"
+        rest = (
+            f"; left: {', '.join(left)}"
+            if left
+            else f"; next: robolamp calibrate {'lamp' if bench is None else 'fit'} {output} -o FILE"
+        )
         print(f"{counted(len(manifest.entries), 'recording')} in {output}{rest}")
     return 0
 
@@ -137,16 +163,16 @@ def _answer(prompt: str) -> str:
         raise RobolampError("ended before an answer came", "standard input") from None
 
 
-def _physical(setup: Setup, port: str | None, foot_port: str | None) -> Connect:
+def _physical(lamp: Lamp, port: str | None, foot_port: str | None, *, foot: bool) -> Connect:
     from robolamp.calibrate.record import Connection
     from robolamp.cli.drive import patience_at
     from robolamp.runtime.clock import MonotonicClock
 
-    servo, foot = port or setup.lamp.bus_port, foot_port or setup.lamp.foot_port
+    servo, sensor = port or lamp.bus_port, (foot_port or lamp.foot_port) if foot else None
 
     @contextlib.contextmanager
     def connect(step: Step) -> Iterator[Connection]:
-        yield Connection(servo, foot, MonotonicClock(), patience=patience_at(servo))
+        yield Connection(servo, sensor, MonotonicClock(), patience=patience_at(servo))
 
     return connect
 
@@ -179,5 +205,35 @@ def emulated(setup: Setup, reality: str) -> Connect:
             ports.servo_port, ports.foot_port, ports.clock, time.time_ns(),
             travelled=lambda: world.plant.truth().base_x - start, mass=round(world.plant.mass, 3),
         )  # fmt: skip
+
+    return connect
+
+
+def emulated_servo(setup: Setup, bench: ServoBench, reality: str) -> Connect:
+    """Return what gives an emulated servo with its pendulum, in lockstep.
+
+    Args:
+        setup: Where realities are.
+        bench: The servo.
+        reality: How it differs from what its file says: a file, "none", or "random:SEED".
+
+    Raises:
+        FileError: There is no such reality, or it is malformed.
+    """
+    import dataclasses
+    import time
+
+    from robolamp.calibrate.record import Connection
+    from robolamp.emulator.bare import BareServos
+    from robolamp.emulator.lockstep import Lockstep
+    from robolamp.emulator.reality import load_reality
+
+    bent = load_reality(reality, bench.lamp, setup.assets)
+    servo = dataclasses.replace(bench.servo, return_delay=0.0)  # as `robolamp setup` leaves it
+
+    @contextlib.contextmanager
+    def connect(step: Step) -> Iterator[Connection]:
+        ports = Lockstep(BareServos([servo], reality=bent), bench.lamp.bus_baud)
+        yield Connection(ports.servo_port, None, ports.clock, time.time_ns())
 
     return connect

@@ -34,7 +34,7 @@ def report(
     if not recordings:
         raise RobolampError("none given; expected a recorded session's folder, or recordings", "RECORDINGS")
 
-    from robolamp.calibrate.manifest import NAME
+    from robolamp.calibrate.manifest import load_manifest
     from robolamp.calibrate.recordings import read_recordings
     from robolamp.calibrate.report import write_report  # after the arguments are checked
     from robolamp.calibrate.session import read_session
@@ -42,7 +42,8 @@ def report(
 
     shown, benches = [], []
     for path in recordings:
-        if (path / NAME).is_file():
+        manifest = load_manifest(path)
+        if manifest is not None and not manifest.servo:
             session = read_session(path, setup.lamp)
             shown += show_session(session, setup.lamp, setup.calibration, setup.assets)
         else:

@@ -27,7 +27,8 @@ def score(
 
     Args:
         file: A calibration file, or the name of one in calibration/.
-        recordings: Recordings (.json of Rhoban/bam, .csv), or folders of them.
+        recordings: Recordings, or folders of them: of `robolamp calibrate record --servo` (.mcap), .json of Rhoban/bam,
+            .csv.
         lamp: A folder of your own lamp, laid out like robolamp's.
         as_json: Print one JSON object: recordings (file, mae_mrad, seen), mae_mrad, mae_unseen_mrad.
     """

@@ -18,10 +18,10 @@ from robolamp.cli.pole import pole_of
 from robolamp.controller.file import check_goal_time
 from robolamp.controller.terminals import all_terminals
 from robolamp.errors import RobolampError
+from robolamp.twin.drawn import LampLaw
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.judge import Outcome
 from robolamp.twin.model import Pole, build
-from robolamp.twin.spread import load_spread
 
 _LANES_AT_ONCE = 6000  # about 67 MB of simulation state
 _GOALS, _DURATION = "0.05:0.60:56", 5.0  # [m], [s]
@@ -56,9 +56,10 @@ def score(
         One goal, or LOW:HIGH:COUNT, in metres (0.05:0.60:56). For a figure other than the lamp: X,Y, or
         LOW:HIGH:COUNT, so many points all round, that far away; without it, the goals of its task.
     lamps
-        Instead of the calibrated lamp, this many lamps drawn from sim/tasks/spread.toml.
+        Instead of the calibrated lamp, this many lamps drawn from sim/tasks/spread.toml, and from the calibration's
+        covariance, where it was fitted (sim/tasks/README.md).
     spread
-        With --lamps: standard deviations of that file, times this (1).
+        With --lamps: all standard deviations, times this (1).
     seed
         With --lamps: which lamps are drawn (1). For a figure: which points.
     duration
@@ -100,13 +101,12 @@ def score(
     limbo = pole_of(pole, pole_at)
     distances = goal_range(goals or _GOALS, "--goals")
     joints = len(setup.lamp.joints)
-    if lamps is None:
-        bends = [None]
-    else:
-        rng, law = np.random.default_rng(1 if seed is None else seed), load_spread(setup.assets)
-        scale = 1.0 if spread is None else spread
-        bends = [law.draw(rng, joints, scale) for _ in range(lamps)]
-    twins = [build(setup.lamp, setup.calibration, setup.assets, bend, pole=limbo) for bend in bends]
+    drawn, drawn_from = [(setup.calibration, None)], ""
+    if lamps is not None:
+        law = LampLaw(setup.lamp, setup.calibration, setup.assets)
+        rng, scale = np.random.default_rng(1 if seed is None else seed), 1.0 if spread is None else spread
+        drawn, drawn_from = [law.draw(rng, scale) for _ in range(lamps)], law.source
+    twins = [build(setup.lamp, numbers, setup.assets, bend, pole=limbo) for numbers, bend in drawn]
     fleet = Fleet(twins, loaded.control_period, workers)
     program = loaded.compile(all_terminals(joints))
     jobs = [Job(0, variant, float(goal), goal_time or 0.0) for variant in range(len(twins)) for goal in distances]
@@ -129,16 +129,17 @@ def score(
                 "upright": int(outcome.upright.sum()),
                 "median_abs_error_m": np.median(np.abs(outcome.error)),
                 "flight_share_median": _median(outcome.flight_share),
+                **({"drawn_from": drawn_from} if drawn_from else {}),
                 **({} if limbo is None else {"pole_hits": int(outcome.pole.sum())}),
             }
         )
         return 0
-    _print(loaded.name, distances, outcome, len(twins), lamps is not None, limbo)
+    _print(loaded.name, distances, outcome, len(twins), drawn_from, limbo)
     return 0
 
 
-def _print(name: str, distances: np.ndarray, outcome: Outcome, lamps: int, drawn: bool, pole: Pole | None) -> None:
-    title = f"{name} on the twin" + (f", {counted(lamps, 'lamp')}" if drawn else "")
+def _print(name: str, distances: np.ndarray, outcome: Outcome, lamps: int, drawn: str, pole: Pole | None) -> None:
+    title = f"{name} on the twin" + (f", {counted(lamps, 'lamp')} drawn from {drawn}" if drawn else "")
     if pole is not None:
         title += f", a pole {pole.height * 100:.1f} cm high at {pole.x * 100:.0f} cm"
     table = Table(title=Text(title, "italic"), title_justify="left")

@@ -1,16 +1,21 @@
-"""Servos without a lamp: each turns a motor of its own, with a load on its shaft."""
+"""Servos without a lamp: each turns a motor of its own, with a load or a pendulum on its shaft."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from robolamp.dynamixel.registers import BAUD_CODES, MODELS, RETURN_DELAY_UNIT, Name
+from robolamp.emulator.difference import Reality
+from robolamp.emulator.drive import Sensed
 from robolamp.emulator.faults import Faults
 from robolamp.emulator.injector import Injector
 from robolamp.emulator.line import GAP, Line, Reply
 from robolamp.emulator.motor import Motor
-from robolamp.emulator.servo import Sensed, Servo
+from robolamp.emulator.pendulum import Pendulum, bent
+from robolamp.emulator.servo import Servo
 from robolamp.emulator.servos_file import BareServo
 from robolamp.emulator.strike import strike
 
@@ -32,6 +37,7 @@ class BareServos:
         faults: What goes wrong; None: nothing.
         factory: The servos are new (id 1, 57,600 baud, Return Delay Time 250) and only the first is plugged in.
         store: Folder that keeps each servo's EEPROM, as servo-1.toml for the first; None: it is not kept.
+        reality: How pendulums, the line and the supply differ from what the descriptions say; None: not at all.
 
     Attributes:
         servos: The servos, in the order of the descriptions.
@@ -48,10 +54,13 @@ class BareServos:
         faults: Faults | None = None,
         factory: bool = False,
         store: Path | None = None,
+        reality: Reality | None = None,
     ) -> None:
         self._steps = 0
-        self._supply = [servo.voltage for servo in descriptions]
-        self.motors = [Motor(MODELS[servo.model], angle=servo.position, load=servo.load) for servo in descriptions]
+        self._reality = reality or Reality("none")
+        self._supply = [servo.voltage + self._reality.supply for servo in descriptions]
+        self._room = ROOM if reality is None else reality.temperature
+        self.motors = [self._motor(servo) for servo in descriptions]
         self.injector = Injector(
             faults or Faults("none"),
             [servo.id for servo in descriptions],
@@ -62,12 +71,12 @@ class BareServos:
                 MODELS[servo.model],
                 {} if factory else _eeprom(servo),
                 self._senses(index),
-                own_loop=True,
+                own_loop=servo.pendulum is None,
                 store=store / f"servo-{index + 1}.toml" if store else None,
             )
             for index, servo in enumerate(descriptions)
         )
-        self.line = Line(self.servos, descriptions[0].baud, self.advance_to, None, gap, self.injector)
+        self.line = Line(self.servos, descriptions[0].baud, self.advance_to, self._latency(), gap, self.injector)
         if factory:
             self.line.unplugged = set(range(1, len(self.servos)))
 
@@ -108,17 +117,39 @@ class BareServos:
         self.injector.poll(self.time)
         for index, (servo, motor) in enumerate(zip(self.servos, self.motors, strict=True)):
             servo.poll(self.time)
-            drive = servo.drive()
-            voltage = drive.duty * self._volts(index) if drive.torque and drive.duty is not None else None
+            drive, volts = servo.drive(), self._volts(index)
+            if isinstance(motor, Pendulum):
+                motor.step(drive, volts, (servo.written - self.time) / TIMESTEP)
+                continue
+            voltage = drive.duty * volts if drive.torque and drive.duty is not None else None
             motor.step(TIMESTEP, voltage)
         self._steps += 1
 
+    def _motor(self, servo: BareServo) -> Motor | Pendulum:
+        if servo.pendulum is None:
+            return Motor(MODELS[servo.model], angle=servo.position, load=servo.load)
+        load, differs = servo.pendulum, self._reality
+        values = bent(load.values, differs)
+        noise = float(np.atleast_1d(differs.encoder_noise)[0])
+        return Pendulum(values, load.mass, load.length, TIMESTEP, zero=servo.position, noise=noise, seed=differs.seed)
+
+    def _latency(self) -> Callable[[], float] | None:
+        fixed, jitter = self._reality.latency, self._reality.jitter
+        if not fixed and not jitter:
+            return None
+        random = np.random.default_rng([self._reality.seed, 1])
+        return lambda: fixed + (float(random.exponential(jitter)) if jitter else 0.0)
+
     def _volts(self, index: int) -> float:
-        return max(self._supply[index] - self.injector.sag(), _LEAST_VOLTAGE)
+        motor, supply = self.motors[index], self._supply[index] - self._reality.drain * self.time
+        drop = self._reality.resistance * abs(motor.current) if isinstance(motor, Pendulum) else 0.0
+        return max(supply - self.injector.sag() - drop, _LEAST_VOLTAGE)
 
     def _senses(self, index: int) -> Callable[[float], Sensed]:
         motor = self.motors[index]
-        return lambda _: motor.sensed(self._volts(index), ROOM)
+        if isinstance(motor, Pendulum):
+            return lambda time: motor.sensed(time, self._volts(index), self._room)
+        return lambda _: motor.sensed(self._volts(index), self._room)
 
 
 def _eeprom(servo: BareServo) -> dict[Name, int]:

@@ -11,11 +11,11 @@ from robolamp.calibration import Calibration
 from robolamp.evolve.task import Task
 from robolamp.figure import Driven, Figure
 from robolamp.lamp import Lamp
+from robolamp.twin.drawn import LampLaw
 from robolamp.twin.figure import FigureTwin, build_figure
 from robolamp.twin.model import Bend, TwinModel, build
-from robolamp.twin.spread import load_spread
 
-_LAMPS = 24  # at least, drawn from the spread for a run besides the calibrated one
+_LAMPS = 24  # at least, drawn for a run besides the calibrated one
 
 
 def driven_by(task: Task, lamp: Lamp) -> Driven:
@@ -38,7 +38,7 @@ def compiled(
         lamp: The lamp.
         calibration: Its numbers.
         assets: Where models are.
-        rng: Where the lamps of the spread come from.
+        rng: Where the lamps that are drawn come from.
 
     Raises:
         FileError: A model does not load, or lacks what its description names.
@@ -46,12 +46,12 @@ def compiled(
     if isinstance(task.figure, Figure):
         return [build_figure(task.figure, assets, task.world, timestep=task.timestep)]
 
-    def made(bend: Bend | None = None) -> TwinModel:
-        return build(lamp, calibration, assets, bend, timestep=task.timestep, pole=task.pole)
+    def made(numbers: Calibration, bend: Bend | None = None) -> TwinModel:
+        return build(lamp, numbers, assets, bend, timestep=task.timestep, pole=task.pole)
 
-    lamps = [made()]
+    lamps = [made(calibration)]
     if task.cases.lamps > 1:
-        spread = load_spread(assets)
+        law = LampLaw(lamp, calibration, assets)
         others = max(_LAMPS, task.cases.lamps - 1)
-        lamps += [made(spread.draw(rng, len(lamp.joints))) for _ in range(others)]
+        lamps += [made(*law.draw(rng)) for _ in range(others)]
     return lamps

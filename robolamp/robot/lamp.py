@@ -35,7 +35,7 @@ class RobotLamp:
     Args:
         lamp: Its description.
         bus_port: Port of the servo bus: a device path, or an SDK-like port object.
-        foot_port: Port of the foot sensor: a device path, or an open source of bytes.
+        foot_port: Port of the foot sensor: a device path, or an open source of bytes; None: there is none.
         clock: Stamps the observations and measures timeouts.
         patience: How long an answer may be late before it is a gap [s].
         duty: The most of the supply that the motors get, above 0 to 1: less for careful first runs.
@@ -51,7 +51,7 @@ class RobotLamp:
         self,
         lamp: Lamp,
         bus_port: str | Port,
-        foot_port: str | ByteSource,
+        foot_port: str | ByteSource | None,
         clock: Clock,
         *,
         patience: float = PATIENCE,
@@ -68,7 +68,9 @@ class RobotLamp:
         self._clock = clock
         self._frame = JointFrame(lamp)
         self._bus = Bus(bus_port, lamp.bus_baud, clock, labels=labels, patience=patience)
-        self._foot = FootSensor(foot_port, lamp.foot_baud, clock, tare=lamp.foot_tare, scale=lamp.foot_scale)
+        self._foot: FootSensor | None = None
+        if foot_port is not None:
+            self._foot = FootSensor(foot_port, lamp.foot_baud, clock, tare=lamp.foot_tare, scale=lamp.foot_scale)
         self._servos: Servos | None = None
         self._firmware: list[int] = []
         self._measured = np.full(len(lamp.joints), -math.inf)  # when each angle last came [s]
@@ -105,18 +107,19 @@ class RobotLamp:
         """
         try:
             self._bus.open()
-            self._foot.open()
+            if self._foot is not None:
+                self._foot.open()
             models, identities = check_servos(self._lamp, self._bus)
             ids = [joint.id for joint in self._lamp.joints]
             servos = Servos(self._bus, ids, models)
             self.mended = check_state(self._lamp, self._bus, servos, fix=self._fix)
-            check_foot(self._foot, self._clock, self._lamp.contact_on)
+            if self._foot is not None:
+                check_foot(self._foot, self._clock, self._lamp.contact_on)
             self.notices = notices(identities, models, [self._bus.label(servo) for servo in ids])
             self._firmware = [identity.firmware for identity in identities]
             servos.prepare(self._firmware)
         except BaseException:
-            self._bus.close()
-            self._foot.close()
+            self._shut()
             raise
         self._servos = servos
         self._damage()  # what came before is not of the run
@@ -170,16 +173,8 @@ class RobotLamp:
             faults += [f"{self.joints[index]}: error byte {state.error[index]:#04x}" for index in silent_alert]
             lasting = np.flatnonzero(self._unknown >= _CONDITION_TICKS)
             faults += [f"{self.joints[index]}: condition unknown" for index in lasting]
-        try:
-            self._foot.poll()
-        except BusError as error:
-            faults.append(f"foot: {error.message}")
+        faults += self._feel()
         faults += self._damage()
-        newest = self._foot.newest
-        if newest is not None and newest.saturated:
-            faults.append("foot: saturated")
-        if newest is not None and newest.disconnected:
-            faults.append("foot: load cell not connected")
         now = self._clock.now()
         sign = self._frame.sign
         return Observation(
@@ -188,8 +183,8 @@ class RobotLamp:
             velocity=sign * state.velocity,
             current=sign * state.current,
             angle_age=now - self._measured,
-            foot_force=self._foot.force,
-            foot_age=self._foot.age,
+            foot_force=math.nan if self._foot is None else self._foot.force,
+            foot_age=math.inf if self._foot is None else self._foot.age,
             health=Health(
                 state.voltage, state.temperature, sign * state.pwm, state.torque, state.hardware_error, state.error
             ),
@@ -243,20 +238,41 @@ class RobotLamp:
         if self._servos is not None:
             self.torque(False)
             self._servos = None
+        self._shut()
+
+    def _shut(self) -> None:
         self._bus.close()
-        self._foot.close()
+        if self._foot is not None:
+            self._foot.close()
+
+    def _feel(self) -> list[str]:
+        """Take what the foot sensor has sent, and return what is wrong with it."""
+        if self._foot is None:
+            return []
+        faults: list[str] = []
+        try:
+            self._foot.poll()
+        except BusError as error:
+            faults.append(f"foot: {error.message}")
+        newest = self._foot.newest
+        if newest is not None and newest.saturated:
+            faults.append("foot: saturated")
+        if newest is not None and newest.disconnected:
+            faults.append("foot: load cell not connected")
+        return faults
 
     def _damage(self) -> list[str]:
         """Return what has gone wrong on the lines since the last call, though nothing may be missing for it."""
-        decoder = self._foot.decoder
-        now = Counter(
-            {
-                "bus: bytes that nobody asked for": self._bus.stray,
-                "foot: frames lost": decoder.lost,
-                "foot: damaged bytes": decoder.discarded,
-                "foot: frames repeated": decoder.repeated,
-            }
-        )
+        now = Counter({"bus: bytes that nobody asked for": self._bus.stray})
+        if self._foot is not None:
+            decoder = self._foot.decoder
+            now += Counter(
+                {
+                    "foot: frames lost": decoder.lost,
+                    "foot: damaged bytes": decoder.discarded,
+                    "foot: frames repeated": decoder.repeated,
+                }
+            )
         new = list(now - self._noted)
         self._noted = now
         return new

@@ -11,7 +11,8 @@ from robolamp.assets import Assets
 from robolamp.files import Table, read_toml
 from robolamp.twin.model import Bend
 
-_CUT = 3.0  # no draw is further out than this many standard deviations
+CUT = 3.0
+"""No draw is further out than this many standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Spread:
         """
 
         def normal(count: int) -> NDArray[np.float64]:
-            return scale * np.clip(rng.standard_normal(count), -_CUT, _CUT)
+            return scale * np.clip(rng.standard_normal(count), -CUT, CUT)
 
         each, whole = normal(2 * joints), normal(4)
         return Bend(

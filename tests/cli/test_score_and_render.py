@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from robolamp.assets import shipped
 from robolamp.cli.main import main
 from robolamp.log.reader import read_run, read_truth
 
@@ -45,6 +46,37 @@ def test_a_time_to_take_is_scored(capsys: pytest.CaptureFixture[str], path: Path
     timed = written(path, "(ifltz (- goal_time 1) 0 0.6)", "(ifltz (- goal_time 1) 0 -1)")
     words = ("score", timed, "--goals", "0.3", "--duration", "2", "--json")
     assert [json.loads(call(capsys, *words, "--goal-time", time)[1])["falls"] for time in ("0.9", "1.1")] == [0, 1]
+
+
+def test_lamps_are_drawn_from_what_a_fit_left_open(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, path: Path
+) -> None:
+    words = (
+        "score",
+        written(path, "0.3", "-0.5"),
+        "--goals",
+        "0.3",
+        "--duration",
+        "1",
+        "--lamps",
+        "2",
+        "--spread",
+        "1",
+    )
+    plain = json.loads(call(capsys, *words, "--json")[1])
+    assert plain["drawn_from"] == "spread.toml"
+    mine = tmp_path / "mine.toml"
+    text = (shipped() / "calibration/nominal.toml").read_text()
+    own = '[joint.ankle]\ntorque_constant = {value = 0.37, unit = "Nm/A", stderr = 0.03}\n'
+    matrix = '[provenance.covariance]\nparameters = ["ankle.torque_constant"]\nmatrix = [[9e-4]]\n'
+    mine.write_text(text + own + matrix)
+    fitted = json.loads(call(capsys, *words, "--calibration", mine, "--json")[1])
+    assert fitted["drawn_from"] == "nominal's covariance and spread.toml"
+    assert fitted["errors_m"] != plain["errors_m"]
+    mine.write_text((text + own + matrix).replace("[[9e-4]]", "[[-1.0]]"))
+    code, out, _ = call(capsys, *words, "--calibration", mine, "--json")
+    assert code == 2
+    assert "provenance.covariance" in json.loads(out)["error"]
 
 
 @pytest.mark.parametrize(("ankle", "knee", "falls"), [("(* 0.1 px)", "0", 0), ("(- 0 (* 2 px))", "-1", 1)])
