@@ -66,10 +66,10 @@ def test_a_noisy_encoder_is_named_first_with_its_size(tmp_path):
 
 
 def test_a_line_that_holds_everything_up_is_named_first_with_its_size(tmp_path):
-    log = hop(tmp_path / "log.mcap", replace(NONE, latency=0.0018))
+    log = hop(tmp_path / "log.mcap", replace(NONE, latency=0.0015))
     first = explain(Evidence(read_run(log), LAMP, CALIBRATION, ASSETS), LAMP)[0]
     assert first.name == "latency"
-    assert first.size == pytest.approx(0.0018, rel=0.25)
+    assert first.size == pytest.approx(0.0015, rel=0.25)
 
 
 def test_a_weak_knee_in_the_emulator_is_named_first_with_its_size(weak, tmp_path, capsys):
