@@ -24,7 +24,7 @@ from robolamp.evolve.progress import Result
 from robolamp.evolve.run import MakeEvaluator, open_run
 from robolamp.evolve.run import evolve as run_evolution
 from robolamp.evolve.task import load_task
-from robolamp.figure import LAMP
+from robolamp.figure import LAMP, Figure
 from robolamp.twin.figure import FigureTwin
 from robolamp.twin.model import TwinModel
 
@@ -132,6 +132,8 @@ def evolve(
             overrides = [*(settings or []), *(f"{key}={value}" for key, value in short.items() if value is not None)]
             joints = len(setup.lamp.joints)
             loaded = load_task(setup.assets, task, joints, overrides)
+            if calibration is not None and isinstance(loaded.figure, Figure):
+                raise RobolampError(f"is for the lamp alone; task {task} is for {loaded.figure.name}", "--calibration")
             names = loaded.seeds if seed_from is None else () if seed_from == "none" else (seed_from,)
             seeds = [setup.controller(name, driven=driven_by(loaded, setup.lamp)) for name in names][
                 : loaded.gp.population

@@ -13,9 +13,11 @@ from robolamp.cli.figures import Stage
 from robolamp.cli.output import counted, print_json
 from robolamp.controller.terminals import figure_terminals
 from robolamp.evolve.fitness import weighted
+from robolamp.figure import POINT
 from robolamp.twin.arena import FigureFleet
 from robolamp.twin.verdict import FigureOutcome
 
+_MOVED = 0.001  # less than this is no move of the body at the goal [m]
 _ROWS = 12  # of the table that a person reads; --json has every goal
 
 
@@ -40,6 +42,12 @@ def score_figure(
                 "errors_m": outcome.error,
                 "fitness": fitness,
                 "hops": outcome.hops.astype(int),
+                "aloft_s": outcome.aloft,
+                "aloft_share": outcome.aloft / outcome.duration,
+                "flight_gain_m": outcome.flight_gain,
+                "goal_moved_m": outcome.goal_moved,
+                "goal_pulled_m": outcome.goal_pulled,
+                "tilts_rad": outcome.tilt,
                 "collided": outcome.fallen,
                 "hits": int(outcome.hit.sum()),
                 "hits_1997": int(outcome.hit_1997.sum()),
@@ -79,3 +87,19 @@ def _print(stage: Stage, outcome: FigureOutcome, fitness: np.ndarray) -> None:
         f" {counted(outcome.fallen.sum(), 'collision')}; median {np.median(outcome.error) * 100:.1f} cm off then.",
         soft_wrap=True,
     )
+    console.print(_story(outcome, stage.twin.figure.goal), soft_wrap=True)
+
+
+def _story(outcome: FigureOutcome, body: str) -> str:
+    """Return a sentence on jumps and on what became of the body at the goal; medians of the runs."""
+    aloft, gain, moved, pulled = (
+        float(np.median(values))
+        for values in (outcome.aloft, outcome.flight_gain, outcome.goal_moved, outcome.goal_pulled)
+    )
+    told = "Never off the floor for as long as 40 ms"
+    if aloft > 0.0:
+        told = f"Off the floor for {aloft:.2f} s, in jumps that brought it {gain * 100:.1f} cm nearer"
+    if body != POINT:
+        way = f"moved by {moved * 100:.1f} cm, {pulled * 100:.1f} cm of it towards the start"
+        told += f"; the {body} {way if moved >= _MOVED else 'stayed where it was'}"
+    return f"{told}{' (medians)' if len(outcome.goal) > 1 else ''}."

@@ -33,7 +33,7 @@ NEEDS = {"pole": "[pole]", "pose": "[[poses]]", "timing": "cases.goal_time"}
 
 
 _FIGURES_TOO = ("distance", "miss", "arrival", "posture")
-_FIGURES_ONLY = ("collision", "idle", "angles", "velocities")
+_FIGURES_ONLY = ("collision", "idle", "angles", "velocities", "tilt")
 
 
 def term(name: str) -> Callable[[Term], Term]:
@@ -157,6 +157,11 @@ def _angles(outcome: FigureOutcome) -> NDArray[np.float64]:
 @term("velocities")
 def _velocities(outcome: FigureOutcome) -> NDArray[np.float64]:
     return _unless_collided(outcome, np.abs(outcome.velocities).sum(axis=1))
+
+
+@term("tilt")
+def _tilt(outcome: FigureOutcome) -> NDArray[np.float64]:
+    return outcome.tilt / np.pi
 
 
 def load_terms(path: Path) -> None:

@@ -20,7 +20,7 @@ def write_record(record: Mapping[str, Any], folder: Path) -> None:
     """Write what a run is started with, and on which machine.
 
     Args:
-        record: seed, tuning, command, reuse, lamp, calibration, terms, and hashes.
+        record: seed, tuning, command, reuse, lamp, terms, and hashes; of the lamp's runs, the calibration.
         folder: The run's folder.
 
     Raises:
@@ -48,12 +48,11 @@ def read_record(folder: Path) -> dict[str, Any]:
     texts = (
         "command",
         "lamp",
-        "calibration",
-        "calibration_sha256",
         "task_sha256",
         "terms",
         "terms_sha256",
         "twin_sha256",
+        *(("calibration", "calibration_sha256") if "calibration" in root else ()),
     )
     record |= {name: root.text(name) for name in texts}
     record["machine"] = {name: str(value) for name, value in root.table("machine").raw().items()}

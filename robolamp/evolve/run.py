@@ -106,11 +106,11 @@ def evolve(
         "reuse": reuse,
         "task_sha256": hashlib.sha256(task.source.encode()).hexdigest(),
         "lamp": "" if assets.own is None else str(assets.own.resolve()),
-        "calibration": str(calibration.path.resolve()),
-        "calibration_sha256": calibration.hash,
         "terms": "" if terms is None else str(terms.resolve()),
         "terms_sha256": "" if terms is None else sha256(terms),
     }
+    if isinstance(task.figure, str):  # others live in the simulation alone: the lamp's numbers have no part in them
+        record |= {"calibration": str(calibration.path.resolve()), "calibration_sha256": calibration.hash}
     for seeded in seeds:
         if seeded.control_period != task.control_period:
             periods = f"{seeded.control_period:g} s; the task's is {task.control_period:g} s"
@@ -190,11 +190,14 @@ def _opened(
         check_unchanged(Path(record["terms"]), record["terms_sha256"])
         load_terms(Path(record["terms"]))
     assets = Assets.of(record["lamp"] or None)
-    calibration = load_calibration(assets, record["calibration"])
-    check_unchanged(calibration.path, record["calibration_sha256"])
     lamp = load_lamp(assets)
     check_unchanged(folder / TASK, record["task_sha256"])
     task = load_task(assets, folder / TASK, len(lamp.joints))
+    if isinstance(task.figure, str) and "calibration" not in record:
+        raise FileError("calibration: missing", str(folder / RECORD))
+    calibration = load_calibration(assets, record.get("calibration", "nominal"))
+    if "calibration" in record:
+        check_unchanged(calibration.path, record["calibration_sha256"])
     for line in differences(machine(), {"where the run began": record["machine"]}):
         warn(f"results may differ in the last bit: {line}")
     run = Run(task, lamp, calibration, assets, folder, record, workers, evaluator, progress)
@@ -460,7 +463,6 @@ class Run:
         """Write the controller file, with its score on the run's cases."""
         state = self._state
         state.fitness = float(score.main[0] + score.style[0])
-        # Other figures live in the simulation alone: the lamp's numbers have no part in them.
         lamp = isinstance(self._task.figure, str)
         calibrated = {"calibration": self._calibration.name, "calibration_sha256": self._calibration.hash}
         calibrated = calibrated if lamp else {"figure_sha256": self._twin}

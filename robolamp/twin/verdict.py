@@ -18,8 +18,8 @@ IDLE_SPEED = 0.1
 """A figure is idle while no joint turns faster than this [rad/s], and it is not at its goal: our choice, the paper only
 says that it punishes "too long idleness"."""
 
-_NEAREST, _ARRIVAL, _IDLE, _COLLISION, _AIR, _JUMPS = range(6)
-_COLUMNS = 6
+_NEAREST, _ARRIVAL, _IDLE, _COLLISION, _AIR, _JUMPS, _ALOFT, _GAIN, _FROM = range(9)
+_COLUMNS = 9
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -72,7 +72,9 @@ def _follow(
         if sensors[lane, support] > 0.0:
             if s[_AIR] >= HOP_AIR_TIME:
                 s[_JUMPS] += 1.0
-            s[_AIR] = 0.0
+                s[_ALOFT] += s[_AIR]
+                s[_GAIN] += s[_FROM] - distance
+            s[_AIR], s[_FROM] = 0.0, distance
         else:
             s[_AIR] += timestep
 
@@ -93,7 +95,11 @@ class FigureOutcome(Lanes):
         tilt: Tilt of the root at the end [rad].
         angles: Joint angles at the end, shape (lanes, n) [rad].
         velocities: Joint velocities at the end, shape (lanes, n) [rad/s].
-        hops: Times that nothing carried the figure for 40 ms or longer.
+        hops: Times that nothing carried the figure for 40 ms or longer: its jumps.
+        aloft: Time spent in those [s].
+        flight_gain: How much nearer to the goal they brought it, all together [m].
+        goal_moved: How far the body at the goal was moved, in the plane, from the start to the end [m]; 0 for a point.
+        goal_pulled: How much nearer that brought it to where the figure stood at the start [m].
         unstable: The simulation diverged.
         within: Distance that counts as there [m].
         upright_tilt: Largest tilt that counts as upright [rad].
@@ -113,6 +119,10 @@ class FigureOutcome(Lanes):
     angles: NDArray[np.float64]
     velocities: NDArray[np.float64]
     hops: NDArray[np.float64]
+    aloft: NDArray[np.float64]
+    flight_gain: NDArray[np.float64]
+    goal_moved: NDArray[np.float64]
+    goal_pulled: NDArray[np.float64]
     unstable: NDArray[np.bool_]
     within: NDArray[np.float64]
     upright_tilt: NDArray[np.float64]
@@ -166,12 +176,13 @@ class Verdict:
         self._time, self._timestep = 0.0, twin.timestep
 
     def begin(self, sensors: NDArray[np.float64]) -> None:
-        """Take the start: what the goals' distances are.
+        """Take the start: where the figures and their goals are.
 
         Args:
             sensors: `sensordata`, shape (lanes, k).
         """
-        self._start = self._way(sensors)
+        self._start, self._root = self._way(sensors), sensors[:, self.where[0] : self.where[0] + 2].copy()
+        self._state[:, _FROM] = np.hypot(*self._start.T)
 
     def _way(self, sensors: NDArray[np.float64]) -> NDArray[np.float64]:
         root, goal, *_ = self.where
@@ -212,6 +223,7 @@ class Verdict:
         twin, s, lanes = self._twin, self._state, len(self._point)
         upright = 1.0 - 2.0 * (qpos[:, twin.root + 4] ** 2 + qpos[:, twin.root + 5] ** 2)
         gone = np.where(unstable, np.nan, 0.0)  # where a diverged figure is, nobody knows
+        goal = self._way(sensors) + sensors[:, self.where[0] : self.where[0] + 2] - self._root  # from the first place
         return FigureOutcome(
             goal=np.hypot(*self._start.T),
             direction=np.arctan2(self._start[:, 1], self._start[:, 0]),
@@ -225,6 +237,10 @@ class Verdict:
             angles=qpos[:, twin.qpos].copy(),
             velocities=qvel[:, twin.dof].copy(),
             hops=s[:, _JUMPS].copy(),
+            aloft=s[:, _ALOFT].copy(),
+            flight_gain=s[:, _GAIN].copy(),
+            goal_moved=np.hypot(*(goal - self._start).T) + gone,
+            goal_pulled=np.hypot(*self._start.T) - np.hypot(*goal.T) + gone,
             unstable=unstable,
             within=np.full(lanes, twin.figure.radius),
             upright_tilt=np.full(lanes, twin.figure.tilt),

@@ -105,3 +105,9 @@ def test_controller_of_another_figure_or_joints_is_refused(capsys: pytest.Captur
 def test_task_is_for_figures_alone(capsys: pytest.CaptureFixture[str]) -> None:
     code, _, err = call(capsys, "score", "hop", "--task", "jumper")
     assert (code, err) == (2, "robolamp: --task: is for figures other than the lamp\n")
+
+
+def test_calibration_is_for_the_lamp_alone(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    code, _, err = call(capsys, "evolve", "jumper", "-o", tmp_path / "run", "--calibration", "nominal")
+    assert (code, err) == (2, "robolamp: --calibration: is for the lamp alone; task jumper is for jumper\n")
+    assert not (tmp_path / "run").exists()

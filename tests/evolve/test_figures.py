@@ -31,6 +31,7 @@ def outcome(**changed: object) -> FigureOutcome:
     still = FigureOutcome(
         goal=np.ones(LANES), direction=zero, duration=np.full(LANES, 20.0), error=zero, nearest=zero, arrival=zero,
         idle=zero, collision=never, tilt=zero, angles=np.zeros((LANES, 4)), velocities=np.zeros((LANES, 4)), hops=zero,
+        aloft=zero, flight_gain=zero, goal_moved=zero, goal_pulled=zero,
         unstable=np.zeros(LANES, bool), within=np.full(LANES, 0.05), upright_tilt=np.full(LANES, 0.26),
         interventions=np.zeros(LANES, np.int64),
     )  # fmt: skip
@@ -57,10 +58,14 @@ def test_fitness_is_the_papers_pseudocode(changed: dict[str, object], expected: 
 
 
 def test_madzia_is_judged_by_distance_and_trunk_alone() -> None:
-    for name in ("madzia", "madzia-heavy-box", "madzia-light"):
+    for name, more in (("madzia", {}), ("madzia-heavy-box", {}), ("madzia-light", {"tilt": 1.0})):
         task = load_task(ASSETS, name)
-        assert dict(task.main) == {"distance": 1.0, "collision": 1.0}
+        assert dict(task.main) == {"distance": 1.0, "collision": 1.0, **more}
         assert not task.style
+
+
+def test_tilt_is_a_share_of_upside_down() -> None:
+    assert weighted(outcome(tilt=[np.pi / 2, np.pi]), {"tilt": 2.0}) == pytest.approx([1.0, 2.0])
 
 
 @pytest.mark.parametrize(
@@ -144,6 +149,7 @@ def test_run_writes_a_controller_for_its_figure_and_goes_on_after_a_stop(tmp_pat
     assert (first.figure, first.drive, first.task) == ("jumper", "velocity", "jumper")
     assert "figure_sha256" in first.provenance
     assert not [key for key in first.provenance if key.startswith("calibration")]  # which is the lamp's
+    assert "calibration" not in (tmp_path / "cut" / "run.toml").read_text()
     with pytest.raises(FileError, match=r"figure: drives 'jumper'; expected a controller for 'lamp'"):
         load_controller(whole.controller, LAMP)
 
@@ -161,4 +167,4 @@ def test_what_is_reused_changes_no_result(tmp_path: Path) -> None:
 
 
 def test_every_term_of_a_figure_is_known() -> None:
-    assert {"collision", "idle", "angles", "velocities"} <= set(terms())
+    assert {"collision", "idle", "angles", "velocities", "tilt"} <= set(terms())

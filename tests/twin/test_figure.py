@@ -12,7 +12,7 @@ import pytest
 from robolamp.assets import Assets
 from robolamp.controller.terminals import figure_terminals
 from robolamp.errors import FileError, RobolampError
-from robolamp.figure import figures, load_figure
+from robolamp.figure import Figure, figures, load_figure
 from robolamp.twin.arena import FigureFleet
 from robolamp.twin.figure import STATE, FigureTwin, World, build_figure
 from robolamp.twin.fleet import Job
@@ -34,7 +34,7 @@ def started(figure: FigureTwin, weightless: bool = False) -> mujoco.MjData:
 
 
 @pytest.mark.parametrize("figure", [JUMPER, SPIDER], ids=["jumper", "spider"])
-def test_every_joint_reaches_its_speed_and_stops_at_its_limit(figure: FigureTwin) -> None:
+def test_every_joint_reaches_its_speed_and_stops_at_its_limit(figure: Figure) -> None:
     compiled = twin(figure)
     for index, joint in enumerate(figure.joints):
         data = started(compiled, weightless=True)
@@ -188,6 +188,47 @@ def test_idleness_counts_only_away_from_the_goal() -> None:
     compiled = twin()
     assert judged(compiled, error=0.5).idle == pytest.approx([1.0, 1.0])
     assert judged(compiled, error=0.01).idle == pytest.approx([0.0, 0.0])
+
+
+def test_jumps_and_what_became_of_the_box_are_measured() -> None:
+    """A box pulled 0.2 m towards where Madzia stood, and two flights, of which 30 ms is none."""
+    compiled = twin(SPIDER)
+    verdict = Verdict(compiled, np.array([[0.5, 0.0]] * 2), 1.0)
+    qpos, qvel = np.zeros((2, compiled.model.nq)), np.zeros((2, compiled.model.nv))
+    qpos[:, compiled.root + 3] = 1.0
+
+    def stood(trunk: float, box: float, support: float, steps: int) -> np.ndarray:
+        data = sensed(compiled, Otrunk=[trunk, 0.0, 0.2], Obox=[box, 0.0, 0.05], support=support)
+        for _ in range(steps):
+            verdict.step(np.arange(2), data, qvel)
+        return data
+
+    verdict.begin(sensed(compiled, Otrunk=[0.0, 0.0, 0.2], Obox=[0.5, 0.0, 0.05]))
+    stood(0.1, 0.5, 1.0, 20)
+    stood(0.15, 0.5, 0.0, 3)
+    stood(0.2, 0.3, 1.0, 20)
+    stood(0.22, 0.3, 0.0, 5)
+    data = stood(0.25, 0.3, 1.0, 10)
+    outcome = verdict.outcome(data, qpos, qvel, np.zeros(2, bool), np.zeros(2, np.int64))
+    assert outcome.hops.tolist() == [1, 1]
+    assert outcome.aloft == pytest.approx([0.05, 0.05])
+    assert outcome.flight_gain == pytest.approx([0.05, 0.05])  # from 0.1 m off to 0.05
+    assert outcome.goal_moved == pytest.approx([0.2, 0.2])
+    assert outcome.goal_pulled == pytest.approx([0.2, 0.2])
+
+
+def test_light_box_slides_under_a_push_that_would_not_tip_it_and_the_heavy_one_stays() -> None:
+    for mass, slides in ((0.05, True), (20.0, False)):
+        compiled = twin(SPIDER, world=World(goal_mass=mass))
+        data = started(compiled)
+        data.qpos[compiled.goal : compiled.goal + 2] = [1.0, 1.0]  # type: ignore[operator]
+        start = data.qpos[compiled.goal]
+        box = compiled.model.body("box").id
+        for _ in range(50):
+            data.xfrc_applied[box, 0] = 0.22  # N at its centre: friction of 0.45 would hold 50 g
+            mujoco.mj_step(compiled.model, data)
+        assert (data.qpos[compiled.goal] - start > 0.05) == slides
+        assert abs(data.xmat[box][8]) > 0.999
 
 
 def test_diverged_lane_has_reached_nothing() -> None:
