@@ -59,8 +59,9 @@ def bare(twin: TwinModel, threads: int, seconds: float) -> float:
         return done / (time.perf_counter() - began)
 
 
-def still(lanes, coefficients, dofs, motor, bias, velocity, loss) -> None:
-    """Stand in for `rewrite_friction`: friction as it is at standstill without load, written once."""
+def still(lanes, coefficients, dofs, motor, bias, velocity, loss, goal, actuators, ctrl) -> None:
+    """Stand in for `motors.drive`: friction as it is at standstill without load, written once."""
+    ctrl[:, actuators] = goal
     if not loss[0, dofs[0]]:
         loss[:, dofs] = coefficients[:, :, 0] + coefficients[:, :, 1]
 
@@ -90,7 +91,7 @@ def main() -> None:
     evolving(tiny, options.threads, 1, nullcontext())  # numba compiles
 
     def unchanged() -> AbstractContextManager:
-        return mock.patch("robolamp.twin.fleet.rewrite_friction", still)
+        return mock.patch("robolamp.twin.motors.drive", still)
 
     ways: dict[str, tuple[Task, Callable[[], AbstractContextManager]]] = {
         "racing, friction by load": (task, nullcontext),

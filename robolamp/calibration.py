@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -62,12 +63,15 @@ LAMP: Mapping[str, Range] = {
     "foot_gain": Range("1", 0.1, 10.0, "foot sensor reading per true force"),
     "mass_scale": Range("1", 0.5, 2.0, "all link masses, times this"),
     "contact_softness": Range("1", 1.0, 5.0, "time constant of the foot's contact with the floor, times this", 1.0),
+    "supply_resistance": Range("Ohm", 0.0, 1.0, "of the supply and its leads, which all servos share: sag", 0.0),
+    "arm_stiffness": Range("Nm/rad", 5.0, 60.0, "of each arm link in bending; left out: rigid", math.inf),
 }
 """Parameters of the lamp as a whole."""
 
 JOINT: Mapping[str, Range] = {
     "encoder_offset": Range("rad", -0.3, 0.3, "what the encoder reads at true angle 0", 0.0),
     "link_mass": Range("1", 0.5, 2.0, "mass and inertia of the link that the joint turns, times this", 1.0),
+    "backlash": Range("rad", 0.0, 0.1, "play between gear train and output, from end to end", 0.0),
 }
 """Parameters of one joint, beside those of its servo."""
 

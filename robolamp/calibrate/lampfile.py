@@ -24,6 +24,7 @@ _DIGITS = 6  # significant digits: a hundredth of any standard error here
 _SOURCES = {
     "line_delay": "median of tick begin to goals sent, by the log's stamps",
     "supply_voltage": "median of what the servos read",
+    "supply_resistance": "voltage read against currents read",
     "mass_scale": "weighed",
     "foot_gain": "force at rest against the lamp's weight",
     "floor_friction": "length and flight times of the hops",

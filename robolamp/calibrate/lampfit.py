@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from robolamp.assets import Assets
 from robolamp.calibrate.floor import Floor, fit_floor
 from robolamp.calibrate.session import LampRecording, LampSession
+from robolamp.calibrate.supply import correlation_time, measure_supply, median_error
 from robolamp.calibrate.unknowns import MOST, SPREAD, Unknown, calibrated, unknowns
 from robolamp.calibrate.whole import mass_of, rescale, simulate
 from robolamp.calibration import LAMP, Calibration
-from robolamp.dynamixel.registers import VOLTAGE_UNIT
 from robolamp.errors import RobolampError
 from robolamp.lamp import Lamp
 from robolamp.twin.model import TwinModel, build
@@ -123,9 +123,10 @@ def fit_lamp(
     train = [recording for recording in clamped if recording.name not in held_out]
     if not train:
         raise RobolampError("no recording of the clamped lamp; expected one or more", str(session.folder))
-    line, voltage = _line_delay(session), _voltage(session, base)
-    whole = {"line_delay": line[0], "supply_voltage": voltage[0]}
-    errors_of = {"line_delay": line[2], "supply_voltage": voltage[1], "mass_scale": SCALE_ERROR}
+    line, supply = _line_delay(session), measure_supply(session.recordings, base)
+    whole = {"line_delay": line[0]} | {name: value for name, (value, _) in supply.items()}
+    errors_of = {"line_delay": line[2], "mass_scale": SCALE_ERROR}
+    errors_of |= {name: error for name, (_, error) in supply.items()}
     weighed = session.manifest.mass
     if weighed is not None:
         whole["mass_scale"] = base.lamp("mass_scale")
@@ -245,7 +246,7 @@ def _covariance(shots: Sequence[Array], step: float) -> Array:
         for joint in range(error.shape[2]):
             left = error[0, :, joint]
             variance = float(np.mean(left * left)) + 1e-8  # and never below the encoder's own 0.1 mrad
-            inflation = _correlation_time(left)
+            inflation = correlation_time(left)
             j = jacobian[:, :, joint]
             information += j @ j.T / (variance * inflation)
     return np.asarray(np.linalg.inv(information), np.float64)
@@ -265,26 +266,11 @@ def _conditioned(z: Array, covariance: Array, known: NDArray[np.bool_]) -> Array
     return np.clip(back, -MOST, MOST)
 
 
-def _correlation_time(residual: Array) -> float:
-    """Return how many samples say as much as one independent one."""
-    centred = residual - residual.mean()
-    power = float(centred @ centred)
-    if power <= 0.0:
-        return 1.0
-    total = 1.0
-    for lag in range(1, len(centred) // 4):
-        rho = float(centred[lag:] @ centred[:-lag]) / power
-        if rho < 0.05:
-            break
-        total += 2.0 * rho
-    return total
-
-
 def _line_delay(session: LampSession) -> tuple[float, float, float]:
     """Return the medians of tick begin to goals sent, and of a reading, and the first one's standard error [s]."""
     sent = np.concatenate([recording.run.write_done - recording.run.began for recording in session.recordings])
     read = np.concatenate([recording.run.read_done - recording.run.began for recording in session.recordings])
-    return float(np.median(sent)), float(np.median(read)), _median_error(sent)
+    return float(np.median(sent)), float(np.median(read)), median_error(sent)
 
 
 def _reading_wire_time(n: int, baud: int) -> float:
@@ -296,17 +282,3 @@ def _reading_wire_time(n: int, baud: int) -> float:
         baud: Of the line [1/s].
     """
     return (14 + n + 8 + n * (4 + 19)) * 10.0 / baud
-
-
-def _voltage(session: LampSession, base: Calibration) -> tuple[float, float]:
-    """Return the median supply voltage at the servos, as read at rest and in motion, and its standard error [V]."""
-    known = np.concatenate([recording.run.voltage.ravel() for recording in session.recordings])
-    known = known[np.isfinite(known)]
-    if not known.size:
-        return base.lamp("supply_voltage"), math.nan
-    return float(np.median(known)), max(_median_error(known), VOLTAGE_UNIT / math.sqrt(12.0))
-
-
-def _median_error(values: Array) -> float:
-    """Return the standard error of the median of many values, taken as normally spread."""
-    return 1.2533 * float(np.std(values)) / math.sqrt(len(values))

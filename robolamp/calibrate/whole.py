@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from robolamp.calibrate.session import LampRecording
 from robolamp.twin.model import TwinModel
-from robolamp.twin.servo import friction_loss, weaken, write_motors
+from robolamp.twin.motors import Motors, Views
+from robolamp.twin.servo import write_motors
 
 Array = NDArray[np.float64]
 
@@ -59,13 +60,10 @@ def simulate(recording: LampRecording, twins: Sequence[TwinModel]) -> Simulated:
     batch = Batch(twin.model, lanes, 1)
     for name, values in _differing(twins).items():
         batch.expand(name)[:] = values
-    loss, gainprm = batch.expand("dof_frictionloss"), batch.expand("actuator_gainprm")
-    friction = np.stack([each.servos.friction() for each in twins])
-    weakness = np.stack([each.servos.weakness() for each in twins])
-    weakens = any(each.servos.weakens for each in twins)
-    bind = batch.bind
-    qpos, qvel, ctrl = bind("qpos"), bind("qvel"), bind("ctrl")
-    motor, bias, sensors = bind("qfrc_actuator"), bind("qfrc_bias"), bind("sensordata")
+    views = Views.of_batch(batch, twins, gains=True)
+    # Voltages are as recorded, sag and all.
+    drive = Motors([replace(each, supply_resistance=0.0) for each in twins], views)
+    qpos, qvel, gainprm, sensors = views.qpos, views.qvel, views.gains, batch.bind("sensordata")
     voltage = _smooth(run.voltage[rows], twin.voltage)
     every = np.arange(lanes)
 
@@ -76,20 +74,19 @@ def simulate(recording: LampRecording, twins: Sequence[TwinModel]) -> Simulated:
             gainprm[lane, twin.actuator] = block
 
     def advance() -> None:
-        friction_loss(friction, twin.dof, motor, bias, qvel, loss)
-        if weakens:
-            weaken(weakness, twin.dof, twin.actuator, motor, qvel, gainprm)
+        drive.before_step()
         batch.step(every, 1)
 
     batch.reset()
     qpos[:] = twin.model.key_qpos[0]
-    qpos[:, twin.qpos] = _first_known(run.angle[rows])
-    ctrl[:, twin.actuator] = run.goal[max(recording.first - 1, 0)]
+    drive.place(_first_known(run.angle[rows]))
+    drive.forget(run.goal[max(recording.first - 1, 0)])
     motors(voltage[0], True)
     for _ in range(round(SETTLE / dt)):
         advance()
     # Goals are under way and the foot is on the floor now; the joints fell a little until the goals came.
-    qpos[:, twin.qpos], qvel[:] = _first_known(run.angle[rows]), 0.0
+    drive.place(_first_known(run.angle[rows]))
+    qvel[:] = 0.0
     begin = float(run.sampled_at[recording.first].min())
     count = round((float(np.nanmax(run.sampled_at[recording.last])) - begin) / dt) + 2
     time = np.asarray(begin + dt * np.arange(count), np.float64)
@@ -101,7 +98,7 @@ def simulate(recording: LampRecording, twins: Sequence[TwinModel]) -> Simulated:
     warned = batch.warning[:, :, 1].copy()
     before = (-1, True)
     for step in range(count):
-        angles[step], base[step] = qpos[:, twin.qpos], qpos[:, 0]
+        angles[step], base[step] = drive.angle, qpos[:, 0]
         forces[step] = sensors[:, twin.foot_sensor]
         torque = bool(time[step] + dt / 2 < recording.limp_from)
         tick = int(at_tick[step])
@@ -109,7 +106,7 @@ def simulate(recording: LampRecording, twins: Sequence[TwinModel]) -> Simulated:
             if before[0] < 0 or torque != before[1] or (voltage[tick] != voltage[before[0]]).any():
                 motors(voltage[tick], torque)
             before = (tick, torque)
-        ctrl[:, twin.actuator] = run.goal[max(int(sent[step]), 0)]
+        drive.goal[:] = run.goal[max(int(sent[step]), 0)]
         advance()
     diverged = (batch.warning[:, :, 1] > warned).any(axis=1)
     measured_at = run.sampled_at[rows]
@@ -149,7 +146,7 @@ def _differing(twins: Sequence[TwinModel]) -> dict[str, Array]:
     """Return the fields of models that are not alike in all of them, with their values, shape (k, ...)."""
     found = {}
     for name in sorted(MODEL_FIELDS):
-        if name.startswith("opt.") or name in ("dof_frictionloss", "actuator_gainprm"):
+        if name.startswith("opt.") or name in ("dof_frictionloss", "actuator_gainprm", "tendon_damping"):
             continue
         values = [getattr(twin.model, name) for twin in twins]
         if any(not np.array_equal(values[0], value) for value in values[1:]):

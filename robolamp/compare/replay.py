@@ -154,10 +154,12 @@ def _duty(run: Run) -> float:
 
 def _pose(twin: TwinLamp, angle: Array) -> None:
     """Put the joints where the lamp's first readings found them; one that never answered stays neutral."""
+    start = twin.body.angle.copy()
     for joint, readings in enumerate(angle.T):
         known = readings[np.isfinite(readings)]
         if known.size:
-            twin.body.data.qpos[twin.twin.qpos[joint]] = known[0]
+            start[joint] = known[0]
+    twin.body.place(start)
 
 
 class _HopCounter:
@@ -185,7 +187,7 @@ class _Recorder:
 
     def record(self) -> None:
         body = self._twin.body
-        self._rows.append(np.concatenate(([self._twin.time, *body.base, body.force], body.data.qpos)))
+        self._rows.append(np.concatenate(([self._twin.time, *body.base, body.force], body.angle, body.data.qpos)))
 
     def advance(self, time: float) -> None:
         step = self._twin.twin.timestep
@@ -195,15 +197,16 @@ class _Recorder:
 
     def replay(self, ticks: Sequence[Tick], outcome: Outcome) -> Replay:
         rows, twin = np.array(self._rows), self._twin.twin
+        joints = 5 + len(twin.qpos)
         return Replay(
             twin=twin,
             time=rows[:, 0] + self._origin,
-            angle=rows[:, 5 + twin.qpos],
+            angle=rows[:, 5:joints],
             base_x=rows[:, 1],
             base_z=rows[:, 2],
             pitch=rows[:, 3],
             force=rows[:, 4] * twin.foot_gain,
-            qpos=rows[:, 5:],
+            qpos=rows[:, joints:],
             ticks=ticks,
             outcome=outcome,
         )

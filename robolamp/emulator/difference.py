@@ -17,7 +17,7 @@ AIR = 30.0
 """Of the air around the servos, unless a reality says otherwise [degC]; calibrated resistances hold there."""
 
 STIFFEST = 60.0
-"""Largest stiffness of an arm link: with play at its joint, more is unstable at steps of 2 ms [Nm/rad]."""
+"""Largest stiffness of an arm link: up to here it was tried whether the physics stays stable [Nm/rad]."""
 
 PerJoint = NDArray[np.float64] | float
 

@@ -113,7 +113,7 @@ class EmulatedLamp:
         self.line = Line(self.servos, lamp.bus_baud, self.advance_to, latency, gap, self.injector)
         if factory:
             self.line.unplugged = set(range(1, len(self.servos)))
-        self._supply = (reality.resistance, reality.drain)
+        self._supply = (twin.supply_resistance + reality.resistance, reality.drain)
         self._drop = 0.0  # over the supply's resistance [V]
         self._warmed = 0.0  # when the windings' resistance was last brought up to date [s]
         self._forces: deque[float] = deque(maxlen=round(reality.foot_dead_time / self.plant.timestep) + 1)

@@ -64,10 +64,11 @@ class Plant:
         self._weakens = twin.servos.weakens
         self._model = twin.model
         mujoco.mj_setConst(self._model, mujoco.MjData(self._model))  # masses may have been changed
-        self._motor_qpos, self._motor_dof = bent.motor_qpos, bent.motor_dof
-        self._slack, self._springs, self._damping = bent.slack, bent.springs, bent.damping
-        self._springy = np.isfinite(bent.slack)
-        self._parted = bent.motor_dof != twin.dof  # joints whose motors turn rotors of their own
+        gears = twin.gears
+        self._motor_qpos, self._motor_dof = gears.qpos, gears.dof
+        self._slack, self._damping = gears.slack, gears.damping
+        self._springy, self._springs = gears.springy, gears.springs[gears.springy]
+        self._parted = gears.parted  # joints whose motors turn rotors of their own
         self._encoders = bent.encoders
         self._delays: list[DelayLine] | None = None
         if bent.own_delay:

@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from robolamp.twin.body import Body
 from robolamp.twin.model import TwinModel
-from robolamp.twin.servo import friction_loss, write_motors
+from robolamp.twin.motors import Motors, Views
+from robolamp.twin.servo import write_motors
 
 Array = NDArray[np.float64]
 
@@ -33,7 +34,7 @@ class Member:
     Attributes:
         twin: The lamp; members differ in numbers only.
         late: How much later than it was sent a goal arrives [s].
-        resistance: Of the supply [Ohm]: its voltage falls with the current drawn.
+        resistance: Of the supply, added to the calibrated one [Ohm]: its voltage falls with the current drawn.
         drain: By how much the supply falls as time goes [V/s].
         zero: True angle less the angle its servos report, shape (n,) [rad].
         slope: Of the desk, downhill ahead positive [rad].
@@ -123,7 +124,7 @@ def _differing(models: Sequence[mujoco.MjModel]) -> dict[str, Array]:
     """Return the fields that are not alike in all models, with their values, shape (models, ...)."""
     found = {}
     for name in MODEL_FIELDS:
-        if name.startswith("opt.") or name == "dof_frictionloss":
+        if name.startswith("opt.") or name in ("dof_frictionloss", "tendon_damping"):
             continue
         first = getattr(models[0], name)
         if any(not np.array_equal(first, getattr(model, name)) for model in models[1:]):
@@ -133,7 +134,7 @@ def _differing(models: Sequence[mujoco.MjModel]) -> dict[str, Array]:
 
 def _start(twin: TwinModel, score: Score) -> Array:
     body = Body(twin)
-    body.data.qpos[twin.qpos] = score.pose
+    body.place(score.pose)
     body.set_goal(score.hold)
     state = np.empty(mujoco.mj_stateSize(body.model, _STATE))
     mujoco.mj_getState(body.model, body.data, state, _STATE)
@@ -174,23 +175,27 @@ class _Share:
         self._zero = np.array([member.zero if member.zero.size else np.zeros(n) for member in members])
         self._batch.state[:] = state
         self._late = np.array([round(member.late / twin.timestep) for member in members])
-        self._friction = np.stack([member.twin.servos.friction() for member in members])
+        twins = [replace(each.twin, supply_resistance=0.0) for each in members]  # this bank's own supplies sag
+        self._views = Views.of_batch(self._batch, twins)
+        self._motors = Motors(twins, self._views)
         self._k = np.stack([member.twin.servos.torque_constant for member in members])
         self._r = np.stack([member.twin.servos.resistance for member in members])
         self._full = np.array([member.twin.voltage for member in members])
         self._gain = np.array([member.twin.foot_gain for member in members])
-        self._sagging = [(lane, member) for lane, member in enumerate(members) if member.resistance or member.drain]
+        self._resistance = [member.resistance + member.twin.supply_resistance for member in members]
+        self._sagging = [
+            (lane, member) for lane, member in enumerate(members) if self._resistance[lane] or member.drain
+        ]
         self._gainprm = self._batch.expand("actuator_gainprm") if self._sagging else np.empty(0)
         self._p_gain = np.array([joint.position_p_gain for joint in twin.lamp.joints], float)
 
     def play(self) -> Record:
         """Return the record of this share."""
         batch, twin, score, lanes = self._batch, self._twin, self._score, self._lanes
-        bind = batch.bind
-        qpos, qvel, ctrl = bind("qpos"), bind("qvel"), bind("ctrl")
-        motor, bias, sensors = bind("qfrc_actuator"), bind("qfrc_bias"), bind("sensordata")
-        loss = batch.expand("dof_frictionloss")
-        qpos[:, twin.qpos] += self._zero
+        views, motors, dofs = self._views, self._motors, twin.gears.dof
+        qpos, qvel, motor, sensors = views.qpos, views.qvel, views.motor, batch.bind("sensordata")
+        motors.place(qpos[:, twin.qpos] + self._zero)
+        motors.forget(score.hold + self._zero)
         dt = twin.timestep
         settle, steps = round(SETTLE / dt), math.ceil((score.end - score.begin) / dt)
         goals = _each_step(score, dt, steps + max(int(-self._late.min()), 0))
@@ -201,25 +206,25 @@ class _Share:
         batch.forward()
         for step in range(-settle, steps):
             if step >= 0:
-                speed = qvel[:, twin.dof]
-                winding = motor[:, twin.dof] / self._k
+                speed = qvel[:, dofs]
+                winding = motor[:, dofs] / self._k
                 duty = np.clip(np.abs(self._r * winding + self._k * speed) / voltage[:, None], 0.0, 1.0)
-                angle[step] = qpos[:, twin.qpos] - self._zero
+                angle[step] = motors.angle - self._zero
                 current[step] = duty * winding
                 force[step] = sensors[:, twin.foot_sensor]
                 base_x[step] = qpos[:, 0]
                 drawn = np.abs(current[step]).sum(axis=1)
             for lane, member in self._sagging:
                 since = score.begin + step * dt - score.powered
-                fallen = self._full[lane] - member.resistance * drawn[lane] - member.drain * since
+                fallen = self._full[lane] - self._resistance[lane] * drawn[lane] - member.drain * since
                 voltage[lane] = max(fallen, _LEAST_VOLTAGE)
                 rows = self._gainprm[lane][twin.actuator]
                 write_motors(rows, member.twin.servos, self._p_gain, np.full(n, voltage[lane]), np.ones(n, bool))
                 self._gainprm[lane][twin.actuator] = rows
-            ctrl[:, twin.actuator] = goals[np.maximum(step - self._late, 0)] + self._zero
-            friction_loss(self._friction, twin.dof, motor, bias, qvel, loss)
+            motors.goal[:] = goals[np.maximum(step - self._late, 0)] + self._zero
+            motors.before_step()
             if step < -settle // 2:
-                loss[:, twin.dof] = _HAND  # the foot comes to rest on the floor, the joints held as by hand
+                views.loss[:, twin.dof] = _HAND  # the foot comes to rest on the floor, the joints held as by hand
             batch.step(lanes, 1)
         return Record(
             time=score.begin + np.arange(steps, dtype=np.float64) * dt,

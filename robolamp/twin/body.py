@@ -1,4 +1,4 @@
-"""One lamp's physics: MuJoCo's step with the servos' load-dependent friction before it."""
+"""One lamp's physics: MuJoCo's step with what the servos have beside it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.twin.model import TwinModel
-from robolamp.twin.servo import friction_loss, weaken, write_motors
+from robolamp.twin.motors import Motors, Views
+from robolamp.twin.servo import write_motors
 
 
 class Body:
@@ -28,32 +29,29 @@ class Body:
         self._twin = twin
         self.model = copy.copy(twin.model)
         self.data = mujoco.MjData(self.model)
-        self._friction, self._weakness = twin.servos.friction()[None], twin.servos.weakness()[None]
-        self._weakens = twin.servos.weakens
-        data = self.data
-        # Views of one lane, shape (1, nv), in the form that the many-lane kernel takes.
-        self._motor, self._bias = data.qfrc_actuator[None], data.qfrc_bias[None]
-        self._velocity, self._loss = data.qvel[None], self.model.dof_frictionloss[None]
-        self._gains = self.model.actuator_gainprm[None]
+        self._motors = Motors([twin], Views.of_one(self.model, self.data))
         self.reset()
 
     def reset(self) -> None:
         """Stand in the neutral pose, goals 0, clock 0."""
         mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
+        self._motors.forget(0.0)
         mujoco.mj_forward(self.model, self.data)
 
     def step(self, count: int = 1) -> None:
         """Take physics steps."""
-        twin = self._twin
         for _ in range(count):
-            if self._weakens:
-                weaken(self._weakness, twin.dof, twin.actuator, self._motor, self._velocity, self._gains)
-            friction_loss(self._friction, self._twin.dof, self._motor, self._bias, self._velocity, self._loss)
+            self._motors.before_step()
             mujoco.mj_step(self.model, self.data)
 
     def set_goal(self, goal: NDArray[np.float64]) -> None:
         """Give the servos their goals, shape (n,) [rad]."""
+        self._motors.goal[0] = goal
         self.data.ctrl[self._twin.actuator] = goal
+
+    def place(self, angle: NDArray[np.float64]) -> None:
+        """Put the joints to angles, shape (n,) [rad]."""
+        self._motors.place(angle)
 
     def set_motors(
         self,
@@ -66,11 +64,12 @@ class Body:
         rows = self.model.actuator_gainprm[self._twin.actuator]
         write_motors(rows, self._twin.servos, p_gain, voltage, torque, duty)
         self.model.actuator_gainprm[self._twin.actuator] = rows
+        self._motors.charge(voltage[:1])
 
     @property
     def angle(self) -> NDArray[np.float64]:
-        """True joint angles, shape (n,) [rad]."""
-        return self.data.qpos[self._twin.qpos]
+        """True joint angles, at the servos' horns, shape (n,) [rad]."""
+        return self._motors.angle[0]
 
     @property
     def velocity(self) -> NDArray[np.float64]:
@@ -80,15 +79,21 @@ class Body:
     @property
     def torque(self) -> NDArray[np.float64]:
         """Torques of the motors, shape (n,) [Nm]."""
-        return self.data.qfrc_actuator[self._twin.dof]
+        return self.data.qfrc_actuator[self._twin.gears.dof]
 
     @property
     def current(self) -> NDArray[np.float64]:
         """Currents drawn from the supply, shape (n,) [A]: duty times the winding's, as an XL330 reports them."""
         servos = self._twin.servos
         winding = self.torque / servos.torque_constant
-        voltage = servos.resistance * winding + servos.torque_constant * self.velocity
-        return np.clip(np.abs(voltage) / self._twin.voltage, 0.0, 1.0) * winding
+        speed = self.data.qvel[self._twin.gears.dof]
+        volts = servos.resistance * winding + servos.torque_constant * speed
+        return np.clip(np.abs(volts) / self.voltage, 0.0, 1.0) * winding
+
+    @property
+    def voltage(self) -> float:
+        """Supply voltage [V]."""
+        return float(self._motors.voltage[0])
 
     @property
     def force(self) -> float:

@@ -25,9 +25,9 @@ from robolamp.twin.body import Body
 from robolamp.twin.judge import Judge, Outcome
 from robolamp.twin.lanes import deal
 from robolamp.twin.model import TwinModel
+from robolamp.twin.motors import Motors, Views
 from robolamp.twin.poses import KeyPose, PoseErrors
 from robolamp.twin.sensors import measure_angle, measure_force
-from robolamp.twin.servo import friction_of, weaken
 from robolamp.twin.trace import Trace
 
 SETTLE_TIME = 1.0
@@ -76,7 +76,7 @@ def _differing(models: Sequence[mujoco.MjModel]) -> dict[str, NDArray[np.float64
     """Return the fields of models that are not alike in all of them, with their values, shape (models, ...)."""
     found = {}
     for name in sorted(MODEL_FIELDS):
-        if name.startswith("opt.") or name == "dof_frictionloss":
+        if name.startswith("opt.") or name in ("dof_frictionloss", "tendon_damping"):
             continue
         values = [getattr(model, name) for model in models]
         if any(not np.array_equal(values[0], value) for value in values[1:]):
@@ -84,41 +84,21 @@ def _differing(models: Sequence[mujoco.MjModel]) -> dict[str, NDArray[np.float64
     return found
 
 
-# What lanes have fallen costs nothing from then on: both kernels go through the others alone.
-@njit(cache=True, nogil=True, error_model="numpy")
-def rewrite_friction(
-    lanes: NDArray[np.int64],
-    coefficients: NDArray[np.float64],
-    dofs: NDArray[np.int64],
-    motor: NDArray[np.float64],
-    bias: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    loss: NDArray[np.float64],
-) -> None:
-    """Do what `servo.friction_loss` does, for some lanes."""
-    for lane in lanes:
-        for joint in range(dofs.shape[0]):
-            dof = dofs[joint]
-            loss[lane, dof] = friction_of(
-                coefficients[lane, joint], motor[lane, dof], -bias[lane, dof], velocity[lane, dof]
-            )
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def _arrive(
     lanes: NDArray[np.int64],
-    ctrl: NDArray[np.float64],
+    told: NDArray[np.float64],
     line: NDArray[np.float64],
     arrival: NDArray[np.int64],
     substep: int,
     substeps: int,
 ) -> None:
-    """Give servos the goals that reach them in this physics step of a tick; `line` has the newest first."""
+    """Tell servos the goals that reach them in this physics step of a tick; `line` has the newest first."""
     for lane in lanes:
         if (substep - arrival[lane]) % substeps == 0:
             late = max(-((substep - arrival[lane]) // substeps), 0)
-            for joint in range(ctrl.shape[1]):
-                ctrl[lane, joint] = line[late, lane, joint]
+            for joint in range(told.shape[1]):
+                told[lane, joint] = line[late, lane, joint]
 
 
 class _Shard:
@@ -143,15 +123,12 @@ class _Shard:
             if (values[present] != values[0]).any():
                 self.batch.expand(name)[:] = values[variant]
         self.batch.state[:] = states[variant]
-        self.loss = self.batch.expand("dof_frictionloss")
-        self.friction = np.stack([each.servos.friction() for each in twins])[variant]
-        self.weakness = np.stack([each.servos.weakness() for each in twins])[variant]
-        self.gains = self.batch.expand("actuator_gainprm") if any(each.servos.weakens for each in twins) else None
+        views = Views.of_batch(self.batch, twins)
+        self.motors = Motors(twins, views, variant)
         self.arrival_step = np.array([round(each.line_delay / twin.timestep) for each in twins])[variant]
         self.foot_gain = np.array([each.foot_gain for each in twins])[variant]
         bind = self.batch.bind
-        self.qpos, self.qvel, self.ctrl = bind("qpos"), bind("qvel"), bind("ctrl")
-        self.motor, self.bias, self.sensors = bind("qfrc_actuator"), bind("qfrc_bias"), bind("sensordata")
+        self.qpos, self.qvel, self.sensors = views.qpos, views.qvel, bind("sensordata")
         self.site, self.site_axes = bind("site_xpos"), bind("site_xmat").reshape(len(variant), -1, 9)
         self.steps = 0
 
@@ -192,7 +169,7 @@ class _Shard:
             if sees_base:
                 base = np.column_stack([self.qpos[:, :3], self.qvel[:, :3], judge.goal_met])
                 base[:, 0] -= goal
-            angle, pressed = measure_angle(self.qpos[:, twin.qpos]), measure_force(force, self.foot_gain)
+            angle, pressed = measure_angle(self.motors.angle), measure_force(force, self.foot_gain)
             inputs = signals.update(angle, pressed, goal, base, goal_time=goal_time)
             asked, goals, changed = wanted[: len(alive)], sent[alive], interventions[alive]
             run_lanes(*programs.arguments(program[alive], inputs[alive], asked))
@@ -204,12 +181,10 @@ class _Shard:
                 trace.record(alive, inputs, line[0])
             for substep in range(self.substeps):
                 if key.at(steps):
-                    key.compare(steps, self.qpos[:, twin.qpos])
+                    key.compare(steps, self.motors.angle)
                 if substep in arriving:
-                    _arrive(alive, self.ctrl, line, self.arrival_step, substep, self.substeps)
-                if self.gains is not None:
-                    weaken(self.weakness, twin.dof, twin.actuator, self.motor, self.qvel, self.gains)
-                rewrite_friction(alive, self.friction, twin.dof, self.motor, self.bias, self.qvel, self.loss)
+                    _arrive(alive, self.motors.goal, line, self.arrival_step, substep, self.substeps)
+                self.motors.before_step(alive)
                 self.batch.step(alive, 1)
                 steps += 1
                 self.steps += len(alive)
@@ -220,7 +195,7 @@ class _Shard:
             alive = np.flatnonzero(np.isnan(judge.fall_time))
             if not len(alive):
                 break
-        angles = self.qpos[:, twin.qpos].copy()
+        angles = self.motors.angle.copy()
         return judge.outcome(angles, unstable, interventions, key.finish(angles), goal_time)
 
 

@@ -104,7 +104,7 @@ class TwinLamp:
         """Read every sensor; nothing is ever missing."""
         n = len(self.joints)
         health = Health(
-            np.full(n, self.twin.voltage), np.full(n, _NO_LOAD_TEMPERATURE), np.full(n, np.nan),
+            np.full(n, self.body.voltage), np.full(n, _NO_LOAD_TEMPERATURE), np.full(n, np.nan),
             np.full(n, int(self._torque)), np.zeros(n, np.int64),
         )  # fmt: skip
         return Observation(

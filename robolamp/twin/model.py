@@ -16,6 +16,7 @@ from robolamp.assets import Assets
 from robolamp.calibration import SERVO, Calibration
 from robolamp.errors import FileError
 from robolamp.lamp import Lamp
+from robolamp.twin.gears import BENDING_STEP, GearBuilder, Gears
 from robolamp.twin.servo import ServoParameters, set_motor
 
 
@@ -32,6 +33,8 @@ class Bend:
         floor: Sliding friction of the floor, times this.
         delay: Added to the servos' delay, which stays within what a calibration may hold [s].
         supply: Added to the supply voltage [V].
+        backlash: Play of the gears, added to the joints' own [rad].
+        stiffness: Of each arm link, in series with the calibrated one [Nm/rad]; infinite: no softer.
     """
 
     strength: NDArray[np.float64] | float = 1.0
@@ -40,6 +43,8 @@ class Bend:
     floor: float = 1.0
     delay: float = 0.0
     supply: float = 0.0
+    backlash: NDArray[np.float64] | float = 0.0
+    stiffness: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -77,6 +82,8 @@ class TwinModel:
         qpos: Position address of each joint, shape (n,).
         dof: Degree of freedom of each joint, shape (n,).
         actuator: Actuator of each joint, shape (n,).
+        gears: What the motors turn: the joints themselves, or rotors that have play.
+        supply_resistance: Of the supply that all servos share [Ohm].
         foot_sensor: Address of the foot's touch sensor in `sensordata`.
         foot_radius: Radius of the round foot [m].
         head_site: Site in the middle of the head.
@@ -93,6 +100,8 @@ class TwinModel:
     qpos: NDArray[np.int64]
     dof: NDArray[np.int64]
     actuator: NDArray[np.int64]
+    gears: Gears
+    supply_resistance: float
     foot_sensor: int
     foot_radius: float
     head_site: int
@@ -126,6 +135,13 @@ def _bent(servos: ServoParameters, bend: Bend) -> ServoParameters:
         delay=np.clip(servos.delay + bend.delay, SERVO["delay"].low, SERVO["delay"].high),
         **{name: getattr(servos, name) * bend.friction for name in names},
     )
+
+
+def _gears(lamp: Lamp, calibration: Calibration, bend: Bend) -> GearBuilder:
+    """Return the builder of a bent lamp's gears and arm links."""
+    play = np.array([calibration.joint(name, "backlash") for name in lamp.names]) + bend.backlash
+    softer, harder = sorted([calibration.lamp("arm_stiffness"), bend.stiffness])
+    return GearBuilder(lamp.names, play, softer if math.isinf(harder) else softer * harder / (softer + harder))
 
 
 def _raise_pole(spec: mujoco.MjSpec, pole: Pole) -> None:
@@ -172,7 +188,7 @@ def build(
         assets: Where the model file is.
         bend: How this lamp differs from the calibrated one.
         torque: False: as with the servos' torque off.
-        timestep: Physics step [s]; None: the model's own.
+        timestep: Physics step [s]; None: the model's own. Where arm links bend it is at most `BENDING_STEP`.
         pole: A pole across its way; None: a free desk.
         clamped: Whether the base is clamped to the desk.
         reshape: Changes the specification last, before it is compiled: what a calibration cannot express.
@@ -189,6 +205,9 @@ def build(
         raise FileError(f"not a MuJoCo model: {' '.join(str(error).split())}", str(path)) from None
     if timestep is not None:
         spec.option.timestep = timestep
+    builder = _gears(lamp, calibration, bend)
+    if builder.bends:
+        spec.option.timestep = min(spec.option.timestep, BENDING_STEP)
     servos = _bent(ServoParameters.of(lamp, calibration), bend)
     voltage = calibration.lamp("supply_voltage") + bend.supply
     # A delay longer than its history would be cut short; lamps of one fleet need histories of one length.
@@ -223,9 +242,11 @@ def build(
         if geom.name in ("floor", "foot"):
             geom.friction[0] = friction
             geom.solref[0] *= calibration.lamp("contact_softness")
+    builder.reshape(spec)
     if reshape is not None:
         reshape(spec)
     model = spec.compile()
+    gears = builder.finish(model)
     for joint in lamp.joints:
         link, body = calibration.joint(joint.name, "link_mass"), model.joint(joint.name).bodyid
         model.body_mass[body] *= link
@@ -244,6 +265,8 @@ def build(
         qpos=np.array([model.joint(name).qposadr[0] for name in lamp.names]),
         dof=np.array([model.joint(name).dofadr[0] for name in lamp.names]),
         actuator=np.array([model.actuator(name).id for name in lamp.names]),
+        gears=gears,
+        supply_resistance=calibration.lamp("supply_resistance"),
         foot_sensor=int(model.sensor("foot_force").adr[0]),
         foot_radius=float(model.geom("foot").size[0]),
         head_site=int(model.site("head").id),
