@@ -47,7 +47,7 @@ from robolamp.runtime.stop import StopRequest
 Draw = np.random.Generator
 GOAL, DURATION = 0.30, 1.0  # m, s: soft start, two hops, soft landing; 4 s of lamp time
 FIRST, LAST = 0.7, 3.6  # s: faults hit from the soft start to the soft landing
-SETTLED, STILL = 1.5, 0.1  # s after the end until which it may sink; rad/s
+SETTLED, STILL = 4.0, 0.1  # s after the end until which a limp lamp may still sink by its weight; rad/s
 ANGLE_ERROR, FORCE_ERROR = 3 * RAD_PER_COUNT, 0.01  # a reading that differs more from the truth is false [rad, N]
 GOAL_REGISTER = 116
 

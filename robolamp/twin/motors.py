@@ -212,9 +212,10 @@ def drive(
         actuators: Actuator of each joint, shape (n,).
         ctrl: Written to, shape (k, nu).
     """
-    for lane in lanes:
+    for index in range(lanes.shape[0]):
+        lane = int(lanes[index])
         for joint in range(dofs.shape[0]):
-            dof = dofs[joint]
+            dof = int(dofs[joint])
             loss[lane, dof] = friction_of(
                 coefficients[lane, joint], motor[lane, dof], -bias[lane, dof], velocity[lane, dof]
             )
