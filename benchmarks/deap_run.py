@@ -104,7 +104,7 @@ def simulate(setup: Setup, functions: Sequence[Callable[..., float]], goal: floa
     substeps = round(task.control_period / twin.timestep)
     delay = round(twin.line_delay / twin.timestep)
     limit, (radius, half) = math.cos(FALLEN_TILT), twin.head_size
-    sent = [0.0] * len(joints)
+    sent, one = [0.0] * len(joints), np.zeros(1, np.int64)
     now, x, after, arrival, fallen = 0.0, float(data.qpos[0]), 0.0, math.nan, False
     for tick in range(round(task.duration / task.control_period)):
         px, py, pz = data.qpos[:3].tolist()
@@ -123,7 +123,7 @@ def simulate(setup: Setup, functions: Sequence[Callable[..., float]], goal: floa
                 sent[index] = min(max(inside, last[index] - step[index]), last[index] + step[index])
         for substep in range(substeps):
             data.ctrl[:] = last if substep < delay else sent
-            friction_loss(friction, twin.dof, motor, bias, velocity, loss)
+            friction_loss(one, friction, twin.dof, motor, bias, velocity, loss)
             mujoco.mj_step(model, data)
             now += twin.timestep
             moved, x = abs(float(data.qpos[0]) - x), float(data.qpos[0])

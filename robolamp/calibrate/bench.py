@@ -114,7 +114,7 @@ class Bench:
                 alive = every[ends > step]
             inputs.drive(step * self.timestep, self.timestep, sets, ctrl, gain, damping, weakness)
             weaken(weakness, _DOF, _DOF, motor, qvel, gain)
-            friction_loss(friction, _DOF, motor, bias, qvel, loss)
+            friction_loss(alive, friction, _DOF, motor, bias, qvel, loss)
             batch.step(alive, 1)
             angles[step + 1] = qpos[:, 0]
         found = {}

@@ -23,6 +23,7 @@ _FRICTIONS = {
 _IDLE = Drive(False, 0.0, 1, 1.0)
 _R = 0  # column of a dcmotor's actuator_gainprm
 _KP, _KD, _VMAX = 4, 6, 7
+_ONE = np.zeros(1, np.int64)  # the lanes: one
 
 
 def bent(values: Mapping[str, float], reality: Reality) -> dict[str, float]:
@@ -133,7 +134,7 @@ class Pendulum:
         if self._servo.weakens:
             motor, velocity = self._lanes[0], self._lanes[2]
             weaken(self._weakness, self._index, self._index, motor, velocity, self._model.actuator_gainprm[None])
-        friction_loss(self._friction, self._index, *self._lanes)
+        friction_loss(_ONE, self._friction, self._index, *self._lanes)
         self._speed = float(data.qvel[0])
         mujoco.mj_step(self._model, data)
         current = float(data.actuator_force[0]) / float(self._servo.torque_constant[0])

@@ -22,6 +22,7 @@ _SETTLE = 0.5  # time for the foot to come to rest on the floor before the clock
 _LEAST_VOLTAGE = 0.1  # a supply that sags keeps this much: duties are shares of it [V]
 _GAIN, _LARGEST_VOLTAGE = 4, 7  # where a dcmotor's actuator_gainprm holds them
 _FAR = 1e6  # goal that stands for a duty of 1 [rad]
+_ONE = np.zeros(1, np.int64)  # the lanes: one
 
 
 @dataclass(frozen=True)
@@ -241,7 +242,7 @@ class Plant:
         if self._weakens:
             motor, velocity = self._lanes[0], self._lanes[2]
             weaken(self._weakness, self._motor_dof, self._twin.actuator, motor, velocity, self._gains)
-        friction_loss(self._friction, self._motor_dof, *self._lanes)
+        friction_loss(_ONE, self._friction, self._motor_dof, *self._lanes)
         if self._hand.any():
             held = dofs[self._hand]
             self._model.dof_frictionloss[held] = _HAND

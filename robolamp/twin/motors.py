@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from robolamp.calibration import SERVO
 from robolamp.twin.gears import regulate
 from robolamp.twin.model import TwinModel
-from robolamp.twin.servo import friction_loss, friction_of, weaken
+from robolamp.twin.servo import friction_loss, weaken
 
 Array = NDArray[np.float64]
 
@@ -173,7 +173,7 @@ class Motors:
             return
         self._load[:, gears.dof] = views.bias[:, twin.dof]  # gears feel the output's load
         views.loss[:, twin.dof] = 0.0
-        friction_loss(self._friction, gears.dof, views.motor, self._load, views.qvel, views.loss)
+        friction_loss(lanes, self._friction, gears.dof, views.motor, self._load, views.qvel, views.loss)
         if self._springs.size:
             gap = np.abs(views.qpos[:, gears.qpos] - views.qpos[:, twin.qpos])
             beyond = (gap > self._slack)[:, self._springy]
@@ -202,7 +202,7 @@ def drive(
 
     Args:
         lanes: Which, of k.
-        coefficients: As `servo.friction_loss` takes them, and what follows.
+        coefficients: This, and what follows up to `loss`, as `servo.friction_loss` takes it.
         dofs: See there.
         motor: See there.
         bias: See there.
@@ -212,14 +212,10 @@ def drive(
         actuators: Actuator of each joint, shape (n,).
         ctrl: Written to, shape (k, nu).
     """
+    friction_loss(lanes, coefficients, dofs, motor, bias, velocity, loss)
     for index in range(lanes.shape[0]):
-        lane = int(lanes[index])
-        for joint in range(dofs.shape[0]):
-            dof = int(dofs[joint])
-            loss[lane, dof] = friction_of(
-                coefficients[lane, joint], motor[lane, dof], -bias[lane, dof], velocity[lane, dof]
-            )
-            ctrl[lane, actuators[joint]] = goal[lane, joint]
+        for joint in range(actuators.shape[0]):
+            ctrl[lanes[index], actuators[joint]] = goal[lanes[index], joint]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

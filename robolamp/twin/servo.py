@@ -190,26 +190,8 @@ def write_motors(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def friction_of(c: NDArray[np.float64], driving: float, external: float, velocity: float) -> float:
-    """Return one joint's friction under a load [Nm]; see `friction_loss`.
-
-    Args:
-        c: Its row of `ServoParameters.friction`, shape (9,).
-        driving: Torque of the motor [Nm].
-        external: Torque from outside [Nm].
-        velocity: [rad/s].
-    """
-    speed = abs(velocity) * c[2]
-    still = np.exp(-speed if c[7] == 1.0 else -(speed ** c[7]))
-    load = abs(c[4] * external - c[3] * driving)
-    friction = c[0] + load + still * (c[1] + c[5] * abs(external) + c[6] * abs(driving))
-    if c[8] != 0.0:
-        friction *= 1.0 + c[8] * np.sign(velocity if velocity != 0.0 else external + driving)
-    return friction
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def friction_loss(
+    lanes: NDArray[np.int64],
     coefficients: NDArray[np.float64],
     dofs: NDArray[np.int64],
     motor: NDArray[np.float64],
@@ -217,7 +199,7 @@ def friction_loss(
     velocity: NDArray[np.float64],
     loss: NDArray[np.float64],
 ) -> None:
-    """Write each joint's friction under its present load, for many lanes.
+    """Write each joint's friction under its present load, for some of k lanes.
 
     loss = coulomb + |load_external tau_e - load_motor tau_m|
            + exp(-(|w| / w_s)^n) (stribeck + load_external_stribeck |tau_e| + load_motor_stribeck |tau_m|)
@@ -225,19 +207,28 @@ def friction_loss(
     larger angles, 1 - asymmetry towards smaller ones.
 
     Args:
-        coefficients: `ServoParameters.friction` of each lane, shape (lanes, n, 9).
+        lanes: Which.
+        coefficients: `ServoParameters.friction` of each lane, shape (k, n, 9).
         dofs: Degree of freedom of each joint, shape (n,).
-        motor: `qfrc_actuator`, shape (lanes, nv) [Nm].
-        bias: `qfrc_bias`, shape (lanes, nv) [Nm].
-        velocity: `qvel`, shape (lanes, nv) [rad/s].
-        loss: `dof_frictionloss`, written to, shape (lanes, nv) [Nm].
+        motor: `qfrc_actuator`, shape (k, nv) [Nm].
+        bias: `qfrc_bias`, shape (k, nv) [Nm].
+        velocity: `qvel`, shape (k, nv) [rad/s].
+        loss: `dof_frictionloss`, written to, shape (k, nv) [Nm].
     """
-    for lane in range(coefficients.shape[0]):
+    for index in range(lanes.shape[0]):
+        lane = lanes[index]
         for joint in range(dofs.shape[0]):
+            c = coefficients[lane, joint]
             dof = dofs[joint]
-            loss[lane, dof] = friction_of(
-                coefficients[lane, joint], motor[lane, dof], -bias[lane, dof], velocity[lane, dof]
-            )
+            external, driving = -bias[lane, dof], motor[lane, dof]
+            speed = abs(velocity[lane, dof]) * c[2]
+            still = np.exp(-speed if c[7] == 1.0 else -(speed ** c[7]))
+            load = abs(c[4] * external - c[3] * driving)
+            friction = c[0] + load + still * (c[1] + c[5] * abs(external) + c[6] * abs(driving))
+            if c[8] != 0.0:
+                heading = velocity[lane, dof] if velocity[lane, dof] != 0.0 else external + driving
+                friction *= 1.0 + c[8] * np.sign(heading)
+            loss[lane, dof] = friction
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

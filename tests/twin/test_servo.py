@@ -86,7 +86,7 @@ def test_load_dependent_friction_follows_its_formula() -> None:
     coefficients = rng.uniform(0, 0.3, (lanes, N, 9)) + np.array([0, 0, 3, 0, 0, 0, 0, 0.7, 0])
     motor, bias, velocity = rng.normal(size=(3, lanes, nv))
     loss = np.full((lanes, nv), -1.0)
-    friction_loss(coefficients, TWIN.dof, motor, bias, velocity, loss)
+    friction_loss(np.arange(lanes), coefficients, TWIN.dof, motor, bias, velocity, loss)
     coulomb, stribeck, slowness, by_motor, by_load, by_load_still, by_motor_still, exponent, uneven = np.moveaxis(
         coefficients, 2, 0
     )
@@ -107,7 +107,7 @@ def test_a_motor_that_carries_gravity_meets_less_friction_than_one_that_fights_i
     for row, torque in zip(loss, (-0.2, 0.2), strict=True):
         motor = np.zeros((1, TWIN.model.nv))
         motor[0, TWIN.dof] = torque
-        friction_loss(coefficients, TWIN.dof, motor, bias, np.ones((1, TWIN.model.nv)), row)
+        friction_loss(np.zeros(1, np.int64), coefficients, TWIN.dof, motor, bias, np.ones((1, TWIN.model.nv)), row)
     assert (loss[0, 0, TWIN.dof] > 2 * loss[1, 0, TWIN.dof]).all()
 
 
