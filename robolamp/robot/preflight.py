@@ -29,6 +29,9 @@ FOOT_MOST = 10.0
 WARM = 55.0
 """Temperature above which a servo is not started [degC]: 10 below the loop's limit, some minutes of hopping."""
 
+LOOKS = 5
+"""How often all servos are read at most until each has told its state: a noisy line loses an answer now and then."""
+
 SYSFS = Path("/sys/bus/usb-serial/devices")
 """Where Linux keeps the latency timers of USB serial adapters."""
 
@@ -118,6 +121,10 @@ def findings(lamp: Lamp, bus: Bus, servos: Servos) -> list[Finding]:
     frame = JointFrame(lamp)
     with bus.patient():
         state = servos.read()
+        for _ in range(LOOKS - 1):
+            if np.isfinite(state.position).all() and np.isfinite(state.voltage).all() and (state.torque >= 0).all():
+                break
+            state = servos.read()
     angle = frame.joint_angle(state.position)
     ends = np.sort(np.stack([frame.servo_angle(lamp.lower), frame.servo_angle(lamp.upper)]), axis=0)
     found = list(_latency(bus))
