@@ -25,6 +25,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from robolamp.dynamixel.servos import goals_wire_time
 from robolamp.errors import FileError
 from robolamp.files import read_text, sha256
 from robolamp.log.reader import Run, read_run
@@ -169,9 +170,8 @@ def read_recording(path: Path) -> list[Recording]:
     raise FileError(f"not a recording; expected one of {', '.join(SUFFIXES)}", str(path))
 
 
-# Bytes of instruction packets (e-manual, protocol 2.0): a read of one servo's state, its goal, and its torque.
-_READ, _GOAL, _TORQUE = 15, 19, 13
-_BITS = 10  # of a byte on the line
+# Of the instruction packet that turns a servo's torque off (e-manual, protocol 2.0): 13 bytes of 10 bits on the line.
+_TORQUE_BITS = 130
 
 
 def _read_log(path: Path) -> list[Recording]:
@@ -184,9 +184,9 @@ def _read_log(path: Path) -> list[Recording]:
     digest, sampled, goal_time, release = sha256(path), run.sampled_at, run.write_done, math.inf
     if bench:
         # One servo: when its instructions arrive follows from the stamps and the time of their bytes.
-        byte = _BITS / bench["baud"]
-        sampled, goal_time = sampled + _READ * byte, goal_time + _GOAL * byte
-        release = _release(run) + (_GOAL + _TORQUE) * byte
+        baud = int(bench["baud"])
+        wire = goals_wire_time(1, baud)
+        goal_time, release = goal_time + wire, _release(run) + wire + _TORQUE_BITS / baud
     recordings = []
     for column, joint in enumerate(run.joints):
         servo, p_gain = described.get(joint, ("", math.nan))
