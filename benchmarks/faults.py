@@ -4,8 +4,8 @@ A fault is "noticed" if the run's log names one after it was injected. When and 
 emulator's injection log; what the servos heard, held and measured, and the state they are left in, from the emulator:
 
 recovered      noticed, and the run went on to its end
-stopped        noticed, the run ended early; torque is off and nothing moves (frozen: where a servo cannot be reached to
-               the end, its Bus Watchdog stopped it, and the log says that its torque may be on)
+stopped        noticed, the run ended early, or was refused at the start; torque is off and nothing moves (frozen: where a
+               servo cannot be reached to the end, its Bus Watchdog stopped it, and the log says that its torque may be on)
 no effect      not noticed, and nothing came of it: every goal reached its servo, every reading was true
 NOT NOTICED    not noticed, and a goal or a reading was not what the log says
 UNSAFE         torque on and not said, or the lamp moves after the end
@@ -40,6 +40,7 @@ from robolamp.emulator.lamp import EmulatedLamp
 from robolamp.emulator.lockstep import Lockstep
 from robolamp.emulator.packet import Instruction, Parser
 from robolamp.emulator.reality import load_reality
+from robolamp.errors import BusError
 from robolamp.log.reader import Run, read_run
 from robolamp.runtime.health import FOOT_AGE
 from robolamp.runtime.stop import StopRequest
@@ -194,7 +195,12 @@ def one(job: tuple[str, int]) -> Outcome:
             ports = Lockstep(world, setup.lamp.bus_baud)
             virtual = VirtualTime(ports.clock, 0)
             plan = Drive(setup, controller, GOAL, DURATION, "emulator", log, resume=resume)
-            result = drive(plan, ports.servo_port, ports.foot_port, StopRequest(), True, virtual)
+            try:
+                result = drive(plan, ports.servo_port, ports.foot_port, StopRequest(), True, virtual)
+            except BusError as error:  # refused before torque went on
+                safe = not any(servo.register(Name.TORQUE_ENABLE) for servo in world.servos)
+                outcome = "stopped" if safe else "UNSAFE"
+                return Outcome(kind, seed, outcome, math.nan, len(witness.outside), witness.fell, "refused", str(error))
             ports.clock.sleep_until(ports.clock.now() + SETTLED)
         injections = [json.loads(line) for line in injected.read_text().splitlines()]
         run = read_run(log)
