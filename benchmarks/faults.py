@@ -4,8 +4,9 @@ A fault is "noticed" if the run's log names one after it was injected. When and 
 emulator's injection log; what the servos heard, held and measured, and the state they are left in, from the emulator:
 
 recovered      noticed, and the run went on to its end
-stopped        noticed, the run ended early, or was refused at the start; torque is off and nothing moves (frozen: where a
-               servo cannot be reached to the end, its Bus Watchdog stopped it, and the log says that its torque may be on)
+stopped        noticed, the run ended early, or was refused at the start; torque is off and nothing moves (frozen:
+               where a servo cannot be reached to the end, its Bus Watchdog stopped it, and the log says that its
+               torque may be on)
 no effect      not noticed, and nothing came of it: every goal reached its servo, every reading was true
 NOT NOTICED    not noticed, and a goal or a reading was not what the log says
 UNSAFE         torque on and not said, or the lamp moves after the end
