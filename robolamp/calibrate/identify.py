@@ -31,7 +31,9 @@ SCALE = 0.015
 CORRELATION_TIME = 0.25
 """For how long residuals of a servo resemble each other, at first [s]."""
 
-_ROBUST = 2.0  # delta, in scales: where an arm came to rest elsewhere, the residual stays for seconds
+# delta, in scales: where an arm came to rest elsewhere, the residual stays for seconds. On twelve recordings of
+# a real servo, dealt into three parts in three ways: recordings left out are predicted 5 % better than with 2.
+_ROBUST = 0.7
 _FINE = 0.5  # a fit that leaves less than this share of SCALE is done again in what it leaves
 # No servo is known better than to a count, and for neighbouring samples the rounding is alike: without these two, exact
 # recordings tell apart by the fifth digit what no recording of a real servo does.
@@ -40,7 +42,10 @@ _ALIKE = 0.02  # [s]
 # A supply that stands still is read with one and the same rounding, evenly spread over a step: its standard deviation.
 _SUPPLY = VOLTAGE_UNIT / np.sqrt(12.0)  # [V]
 _DRAWN, _FARTHEST = 256, 2.5  # starts looked at, and how far from a prior's centre in its standard deviations
-_STEPS = (0.02, 0.1, 0.02, 0.005)  # of finite differences, in standard deviations of the prior
+# Of finite differences, in standard deviations of the prior. Friction makes the valley's floor rough, and what fine
+# steps find down there predicts recordings left out worse (by 8 %, measured in the same way). They are taken only where
+# the model explains nearly everything.
+_WIDE, _STEPS = (0.5,), (0.02, 0.1, 0.02, 0.005)
 _ENOUGH = 0.99  # of the objective: what is left after another round that is not worth the next
 
 
@@ -103,7 +108,7 @@ class Problem:
         self._measured = np.concatenate([recording.angle for recording in chosen])
         self._length = [len(recording.angle) for recording in chosen]
         self._duration = [recording.duration for recording in chosen]
-        self._step = _STEPS[0]
+        self._step = _WIDE[0]
 
     def starts(self, chart: Chart, rng: np.random.Generator, count: int) -> list[Array]:
         """Return starts that are worth a fit: the best of many drawn from the priors, the best one first.
@@ -134,14 +139,17 @@ class Problem:
             iterations: Steps at most.
         """
         correlation = np.full(len(self._length), CORRELATION_TIME)
-        solution = self._minimum(chart, np.clip(start, chart.low, chart.high), SCALE, correlation, iterations)
+        begin = np.clip(start, chart.low, chart.high)
+        solution = self._minimum(chart, begin, SCALE, correlation, iterations, _WIDE)
         size, correlation = self._left(chart, solution.z)
         if size < _FINE * SCALE:  # what the recordings tell outweighs the priors by more than was assumed
-            return self._minimum(chart, solution.z, size, correlation, iterations)
+            return self._minimum(chart, solution.z, size, correlation, iterations, _STEPS)
         return solution
 
-    def _minimum(self, chart: Chart, start: Array, scale: float, correlation: Array, iterations: int) -> Solution:
-        """Minimise the objective with residuals measured in `scale` [rad]."""
+    def _minimum(
+        self, chart: Chart, start: Array, scale: float, correlation: Array, iterations: int, steps: Sequence[float]
+    ) -> Solution:
+        """Minimise the objective with residuals measured in `scale` [rad], slopes with each of `steps` in turn."""
         norm = _Norm(self._weights(correlation))
 
         def residual(z: Array) -> Array:
@@ -151,7 +159,7 @@ class Problem:
             return np.vstack([self._slopes(chart, z[:, 0]) / scale, np.eye(len(z))])
 
         z, objective = start, np.inf
-        for step in _STEPS:  # over the same valley with another slope: friction makes its floor rough
+        for step in steps:  # over the same valley with another slope
             self._step = step
             found, _ = mujoco.minimize.least_squares(
                 z,
