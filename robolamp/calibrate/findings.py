@@ -9,6 +9,7 @@ import numpy as np
 
 from robolamp.calibrate.lampfit import LampFit
 from robolamp.calibrate.session import LampSession
+from robolamp.calibrate.unknowns import GEARS
 from robolamp.calibration import Calibration
 from robolamp.lamp import Lamp
 
@@ -89,7 +90,7 @@ def verdict(fit: LampFit) -> Verdict:
 
 def findings(fit: LampFit, session: LampSession, lamp: Lamp, base: Calibration) -> list[str]:
     """Return what a person should know of a fit, a sentence or two each."""
-    return [*_delay(fit, lamp, base), *_zeros(fit, lamp), *_foot(fit), *_unknown(fit, session)]
+    return [*_delay(fit, lamp, base), *_zeros(fit, lamp), *_foot(fit), *_gears(fit), *_unknown(fit, session)]
 
 
 def _delay(fit: LampFit, lamp: Lamp, base: Calibration) -> list[str]:
@@ -130,6 +131,24 @@ def _foot(fit: LampFit) -> list[str]:
             "found here is of what it shows beyond that."
         ]
     return []
+
+
+def _gears(fit: LampFit) -> list[str]:
+    """Say whether play and stiffness are in the twin, and why."""
+    rigid, bent = fit.left_out
+    if math.isnan(bent):
+        return []
+    if math.isinf(bent):
+        return ["Play and bending of the arm are left out of the twin: the recordings tell neither."]
+    tried = f"on recordings not fitted to, joints are off by {rigid * 1e3:.2f} mrad without them, {bent * 1e3:.2f} with"
+    found = [
+        f"{unknown.label} {value * 1e3:.1f} mrad" if unknown.joint else f"{unknown.label} {value:.0f} Nm/rad"
+        for index, unknown in enumerate(fit.asked)
+        if unknown.name in GEARS and (value := unknown.value(float(fit.z[index])))
+    ]
+    if not found:
+        return [f"Play and bending of the arm are left out of the twin, since they do not make it better: {tried}."]
+    return [f"Play and bending of the arm are in the twin ({', '.join(found)}): {tried}."]
 
 
 def _unknown(fit: LampFit, session: LampSession) -> list[str]:

@@ -14,7 +14,7 @@ from tomlkit.items import InlineTable, Table
 from robolamp.calibrate.findings import findings, verdict
 from robolamp.calibrate.lampfit import LampFit
 from robolamp.calibrate.session import LampSession
-from robolamp.calibrate.unknowns import MOST
+from robolamp.calibrate.unknowns import GEARS, MOST
 from robolamp.calibration import LAMP, Calibration, Parameter
 from robolamp.files import write_atomic
 from robolamp.lamp import Lamp
@@ -25,6 +25,7 @@ _SOURCES = {
     "line_delay": "median of tick begin to goals sent, by the log's stamps",
     "supply_voltage": "median of what the servos read",
     "supply_resistance": "voltage read against currents read",
+    "arm_stiffness": "fitted to the clamped recordings",
     "mass_scale": "weighed",
     "foot_gain": "force at rest against the lamp's weight",
     "floor_friction": "length and flight times of the hops",
@@ -131,8 +132,11 @@ def _provenance(fit: LampFit, session: LampSession, lamp: Lamp, base: Calibratio
 
 
 def _covariance(fit: LampFit) -> Table:
-    """Return the identified parameters' covariance, in their units."""
-    known = [index for index in range(len(fit.asked)) if fit.identified(index)]
+    """Return the identified parameters' covariance, in their units: without play and stiffness, which no draw changes.
+
+    A lamp drawn without play would be another model, not other numbers.
+    """
+    known = [index for index, unknown in enumerate(fit.asked) if fit.identified(index) and unknown.name not in GEARS]
     errors = np.array([fit.asked[i].stderr(float(fit.z[i]), float(fit.sigma[i])) for i in known])
     matrix = fit.correlation[np.ix_(known, known)] * np.outer(errors, errors)
     table = tomlkit.table()

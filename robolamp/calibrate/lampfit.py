@@ -1,27 +1,26 @@
-"""Fitting a whole lamp to a session: joints first, then foot, then floor.
+"""Fitting a whole lamp to a session: joints first, then their play and the arm's stiffness, then foot, then floor.
 
-The joints' parameters are found by nonlinear least squares over all clamped recordings at once, open loop, with each
-parameter's prior as one more residual: what the recordings do not tell stays where it was. Finite differences run as
-lanes of one batch (`robolamp.calibrate.whole`), for which `mujoco.minimize.least_squares` is made.
+The joints' parameters are found by nonlinear least squares over all clamped recordings at once, open loop
+(`robolamp.calibrate.solve`). Play and stiffness (`robolamp.calibrate.gearfit`) are kept where they pay.
 """
 
 from __future__ import annotations
 
-import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-import mujoco.minimize
 import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.assets import Assets
 from robolamp.calibrate.floor import Floor, fit_floor
+from robolamp.calibrate.gearfit import IDENTIFIED, fit_gears
 from robolamp.calibrate.session import LampRecording, LampSession
-from robolamp.calibrate.supply import correlation_time, measure_supply, median_error
-from robolamp.calibrate.unknowns import MOST, SPREAD, Unknown, calibrated, unknowns
+from robolamp.calibrate.solve import Solution, conditioned, covariance, minimise
+from robolamp.calibrate.supply import measure_supply, median_error
+from robolamp.calibrate.unknowns import MOST, SPREAD, Unknown, calibrated, gears_of, unknowns
 from robolamp.calibrate.whole import mass_of, rescale, simulate
 from robolamp.calibration import LAMP, Calibration
 from robolamp.errors import RobolampError
@@ -33,20 +32,11 @@ Array = NDArray[np.float64]
 HELD_OUT = ("steps-firm",)
 """Recordings that the joints are not fitted to, but judged by."""
 
-IDENTIFIED = 0.6
-"""A parameter counts as identified when its standard error is below this share of its prior's."""
-
-NOISE = 0.010
-"""What a residual of the first fit is measured in [rad]: ten times the encoder's noise, for errors of a model last long
-(some ten samples at 100 Hz)."""
-
 SCALE_ERROR = 0.005
 """Relative standard error of a lamp's mass as weighed: a gramme in two hundred."""
 
-_STEP = 0.05  # of finite differences, in standard deviations of the prior: well above what friction makes rough
-_OUTLIER = 5.0  # a residual of so many NOISE counts as an outlier
-_EVERY = 2  # every second sample counts: neighbours say the same
 _ITERATIONS = 7
+_WORTH = 0.95  # of a rigid twin's error on recordings left out: the most that play and stiffness may leave of it
 _BOUND = 0.98  # share of MOST beyond which a value stands at its bound
 
 
@@ -56,7 +46,7 @@ class LampFit:
 
     Attributes:
         calibration: The base calibration with everything that was found (its file's text is not made yet).
-        asked: The unknowns of the joints, m of them.
+        asked: The unknowns of the joints, m of them; play and stiffness are among them where they are worth it.
         z: Their values, in standard deviations from their priors, shape (m,); 0 where not identified.
         sigma: Their standard errors in the same measure, shape (m,).
         correlation: Of their errors, shape (m, m).
@@ -66,6 +56,8 @@ class LampFit:
         latency: What a reading takes beyond its bytes' time on the line, by the stamps [s].
         mae: Mean absolute error of each recording's joints, base calibration and fitted, by name [rad].
         trained: Names of the recordings that were fitted to.
+        left_out: Mean absolute error on recordings not fitted to, of the rigid twin and of one with play and stiffness
+            [rad]; NaN for what was not tried, infinite where the recordings tell neither play nor stiffness.
     """
 
     calibration: Calibration
@@ -79,6 +71,7 @@ class LampFit:
     latency: float
     mae: dict[str, tuple[float, float]]
     trained: tuple[str, ...]
+    left_out: tuple[float, float] = (math.nan, math.nan)
 
     def identified(self, index: int) -> bool:
         """Whether the recordings told an unknown apart from the others."""
@@ -102,6 +95,7 @@ def fit_lamp(
     held_out: Sequence[str] = HELD_OUT,
     names: Sequence[str] = tuple(SPREAD),
     iterations: int = _ITERATIONS,
+    gears: bool = True,
     progress: Callable[[str], None] = lambda text: None,
 ) -> LampFit:
     """Fit a lamp to a session's recordings.
@@ -114,6 +108,8 @@ def fit_lamp(
         held_out: Names of recordings that the joints are not fitted to.
         names: What is asked of each joint.
         iterations: The most steps of the joints' fit.
+        gears: Whether to look for play and stiffness, where the base has neither: they are kept where they leave at
+            most 95 % of the error on the recordings held out, and raise none of the error on the others.
         progress: Called with a line as it goes on.
 
     Raises:
@@ -130,13 +126,12 @@ def fit_lamp(
     weighed = session.manifest.mass
     if weighed is not None:
         whole["mass_scale"] = base.lamp("mass_scale")
-    asked = unknowns(lamp, base, names)
 
-    def twins(z: Array, *, clamp: bool = True) -> list[TwinModel]:
-        """Return a lamp for each column of z, shape (m, k)."""
+    def twins(asked: Sequence[Unknown], z: Array) -> list[TwinModel]:
+        """Return a clamped lamp for each column of z, shape (m, k)."""
         found = []
         for column in z.T:
-            twin = build(lamp, calibrated(base, asked, column, whole), assets, clamped=clamp)
+            twin = build(lamp, calibrated(base, asked, column, whole), assets, clamped=True)
             if weighed is not None:  # links may be heavier than thought, all of them together may not
                 rescale(twin, weighed)
             found.append(twin)
@@ -144,47 +139,58 @@ def fit_lamp(
 
     with ThreadPoolExecutor() as pool:
 
-        def errors(z: Array, recordings: Sequence[LampRecording]) -> list[Array]:
+        def errors(asked: Sequence[Unknown], z: Array, recordings: Sequence[LampRecording] = train) -> list[Array]:
             """Return each recording's errors, shape (k, N, n) [rad]."""
-            lanes = twins(z)
+            lanes = twins(asked, z)
             shots = pool.map(lambda recording: simulate(recording, lanes), recordings)
             return [
                 np.nan_to_num(shot.angle - recording.run.angle[recording.rows])
                 for shot, recording in zip(shots, recordings, strict=True)
             ]
 
-        def residual(z: Array) -> Array:
-            found = errors(z, train)
-            parts = [error[:, ::_EVERY].reshape(len(error), -1) / NOISE for error in found]
-            return np.concatenate([np.concatenate(parts, axis=1).T, z])
-
         count = 0
 
-        def told(trace: list[mujoco.minimize.IterLog]) -> None:
+        def told(cost: float) -> None:
             nonlocal count
             count += 1
-            progress(f"joints: step {count} of at most {iterations}, cost {trace[-1].objective:.0f}")
+            progress(f"joints: step {count} of at most {iterations}, cost {cost:.0f}")
 
+        def settle(asked: tuple[Unknown, ...], found: Solution) -> _Joints:
+            """Set back what the recordings do not tell, and see how well the rest predicts."""
+            spread = covariance(found.shots)
+            known = (np.sqrt(np.diag(spread)) < IDENTIFIED) & (np.abs(found.z) < _BOUND * MOST)
+            z = conditioned(found.z, spread, known)
+            after = {
+                recording.name: float(np.abs(error).mean())
+                for recording, error in zip(clamped, errors(asked, z[:, None], clamped), strict=True)
+            }
+            return _Joints(asked, z, spread, after)
+
+        asked = unknowns(lamp, base, names)
         start = np.zeros(len(asked))
-        found, _ = mujoco.minimize.least_squares(
-            start, residual, bounds=[np.full(len(asked), -MOST), np.full(len(asked), MOST)], eps=_STEP,
-            norm=_Robust(len(asked)), max_iter=iterations, xtol=0.03, verbose=mujoco.minimize.Verbosity.SILENT,
-            output=io.StringIO(), iter_callback=told,
-        )  # fmt: skip
-        z = np.asarray(found)
-        spread = _STEP * np.eye(len(asked))
-        shots = errors(np.column_stack([z, z[:, None] + spread]), train)
-        covariance = _covariance(shots, _STEP)
-        sigma = np.sqrt(np.diag(covariance))
-        z = _conditioned(z, covariance, (sigma < IDENTIFIED) & (np.abs(z) < _BOUND * MOST))
-        mae = {}
-        for recording, error in zip(clamped, errors(np.column_stack([start, z]), clamped), strict=True):
-            before, after = np.abs(error).mean(axis=(1, 2))
-            mae[recording.name] = (float(before), float(after))
+        before = [float(np.abs(error).mean()) for error in errors(asked, start[:, None], clamped)]
+        found = minimise(lambda z: errors(asked, z), start, iterations, told)
+        joints = settle(asked, found)
+        seen = [recording.name for recording in train]
+        left_out = joints.error(joints.mae.keys() - seen), math.nan
+        possible = gears_of(lamp, base) if gears and math.isfinite(left_out[0]) else ()
+        bent = fit_gears(errors, asked, found, possible, progress) if possible else None
+        if possible and bent is None:
+            left_out = left_out[0], math.inf
+        if bent:
+            soft = settle(*bent)
+            left_out = left_out[0], soft.error(soft.mae.keys() - seen)
+            if left_out[1] < _WORTH * left_out[0] and soft.error(seen) <= joints.error(seen):
+                joints = soft
+    asked, z, sigma = joints.asked, joints.z, np.sqrt(np.diag(joints.covariance))
+    mae = {recording.name: (old, joints.mae[recording.name]) for recording, old in zip(clamped, before, strict=True)}
     if weighed is not None:
         share = weighed / mass_of(build(lamp, calibrated(base, asked, z, whole), assets))
         whole["mass_scale"] = min(max(whole["mass_scale"] * share, LAMP["mass_scale"].low), LAMP["mass_scale"].high)
     values: dict[str, tuple[float, float]] = {name: (value, errors_of[name]) for name, value in whole.items()}
+    for unknown, at, error in zip(asked, z.tolist(), sigma.tolist(), strict=True):
+        if not unknown.joint:
+            values[unknown.name] = (unknown.value(at), unknown.stderr(at, error))
     standing = [recording for recording in session.recordings if not recording.clamped]
     floor, offset = None, math.nan
     if standing:
@@ -198,72 +204,36 @@ def fit_lamp(
         asked=asked,
         z=z,
         sigma=sigma,
-        correlation=covariance / np.outer(sigma, sigma),
+        correlation=joints.covariance / np.outer(sigma, sigma),
         lamp=values,
         floor=floor,
         foot_offset=offset,
         latency=line[1] - _reading_wire_time(len(lamp.joints), lamp.bus_baud),
         mae=mae,
-        trained=tuple(recording.name for recording in train),
+        trained=tuple(seen),
+        left_out=left_out,
     )
 
 
-class _Robust(mujoco.minimize.Norm):
-    """Pseudo-Huber loss over the recordings' residuals, beyond _OUTLIER linear; quadratic over the priors behind them.
+@dataclass(frozen=True)
+class _Joints:
+    """What a fit of the joints came to.
 
-    Args:
-        priors: How many residuals at the end are priors.
-    """
-
-    def __init__(self, priors: int) -> None:
-        self._priors = priors
-
-    def value(self, r: Array) -> np.float64:
-        data, prior = r[: -self._priors], r[-self._priors :]
-        cost = _OUTLIER**2 * (np.sqrt(1.0 + (data / _OUTLIER) ** 2) - 1.0)
-        return np.float64(cost.sum() + 0.5 * (prior * prior).sum())
-
-    def grad_hess(self, r: Array, proj: Array) -> tuple[Array, Array]:  # pyright: ignore (the base returns nothing)
-        weight = 1.0 / np.sqrt(1.0 + (r / _OUTLIER) ** 2)
-        weight[-self._priors :] = 1.0
-        return proj.T @ (weight * r), proj.T @ (weight * proj)
-
-
-def _covariance(shots: Sequence[Array], step: float) -> Array:
-    """Return the covariance of the unknowns, prior included, shape (m, m).
-
-    Residuals of a fit are correlated over time: what they are worth is found from their autocorrelation, recording by
-    recording and joint by joint (Bayley and Hammersley 1946: the effective number of independent observations).
-
-    Args:
-        shots: Errors of each recording, the first lane at the optimum and one for each unknown stepped from it.
-        step: That step.
-    """
-    m = len(shots[0]) - 1
-    information = np.eye(m)
-    for error in shots:
-        jacobian = (error[1:] - error[0]) / step
-        for joint in range(error.shape[2]):
-            left = error[0, :, joint]
-            variance = float(np.mean(left * left)) + 1e-8  # and never below the encoder's own 0.1 mrad
-            inflation = correlation_time(left)
-            j = jacobian[:, :, joint]
-            information += j @ j.T / (variance * inflation)
-    return np.asarray(np.linalg.inv(information), np.float64)
-
-
-def _conditioned(z: Array, covariance: Array, known: NDArray[np.bool_]) -> Array:
-    """Return the unknowns where those that are not known are set back to their priors, and the others move with them.
-
-    Args:
-        z: All of them at the optimum, shape (m,).
+    Attributes:
+        asked: The unknowns, m of them.
+        z: Their values, shape (m,).
         covariance: Of their errors, shape (m, m).
-        known: Which of them the recordings told, shape (m,).
+        mae: Mean absolute error of each clamped recording [rad].
     """
-    back = np.zeros_like(z)
-    pull = np.linalg.solve(covariance[np.ix_(~known, ~known)], z[~known]) if (~known).any() else np.empty(0)
-    back[known] = z[known] - covariance[np.ix_(known, ~known)] @ pull
-    return np.clip(back, -MOST, MOST)
+
+    asked: tuple[Unknown, ...]
+    z: Array
+    covariance: Array
+    mae: dict[str, float]
+
+    def error(self, names: Collection[str]) -> float:
+        """Return the mean error of some recordings [rad]; NaN of none."""
+        return float(np.mean([self.mae[name] for name in names])) if names else math.nan
 
 
 def _line_delay(session: LampSession) -> tuple[float, float, float]:

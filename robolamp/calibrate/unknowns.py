@@ -29,6 +29,11 @@ SPREAD: Mapping[str, float] = {
 """How far a lamp's own values may well lie from its base calibration, one standard deviation: of encoder_offset [rad]
 and delay [s] as such, of the others relative. Estimates: published identifications of one servo differ by as much."""
 
+GEARS: Mapping[str, tuple[float, float]] = {"backlash": (0.004, 0.7), "arm_stiffness": (30.0, 0.5)}
+"""Parameters that are in a twin only where they make it predict better: what they are expected to be [rad, Nm/rad], and
+their standard deviation, relative. Chosen: ROBOTIS prints 0.25 degrees of play for its larger servos; a horn on a
+printed arm gives a degree under half a newton metre."""
+
 ABSOLUTE = ("encoder_offset", "delay")
 """Parameters that are shifted; the others are scaled."""
 
@@ -96,6 +101,22 @@ def unknowns(lamp: Lamp, base: Calibration, names: Sequence[str] = tuple(SPREAD)
     return tuple(found)
 
 
+def gears_of(lamp: Lamp, base: Calibration) -> tuple[Unknown, ...]:
+    """Return each joint's play and the arm's stiffness; nothing where the base calibration has either already.
+
+    Args:
+        lamp: Its joints.
+        base: What is known before.
+    """
+    plays = [base.joint(joint.name, "backlash") for joint in lamp.joints]
+    if any(plays) or math.isfinite(base.lamp("arm_stiffness")):
+        return ()
+    return (
+        *(Unknown(joint.name, "backlash", *GEARS["backlash"], JOINT["backlash"].unit) for joint in lamp.joints),
+        Unknown("", "arm_stiffness", *GEARS["arm_stiffness"], LAMP["arm_stiffness"].unit),
+    )
+
+
 def calibrated(base: Calibration, asked: Sequence[Unknown], z: Array, lamp: Mapping[str, float]) -> Calibration:
     """Return the base calibration with other values.
 
@@ -107,7 +128,7 @@ def calibrated(base: Calibration, asked: Sequence[Unknown], z: Array, lamp: Mapp
     """
     groups = {name: dict(parameters) for name, parameters in base.groups.items()}
     for unknown, value in zip(asked, z, strict=True):
-        group = groups.setdefault(f"joint {unknown.joint}", {})
+        group = groups.setdefault(f"joint {unknown.joint}" if unknown.joint else "lamp", {})
         group[unknown.name] = Parameter(unknown.value(float(value)), unknown.unit, None, "")
     for name, value in lamp.items():
         groups["lamp"][name] = Parameter(value, LAMP[name].unit, None, "")

@@ -11,6 +11,7 @@ from mujoco.batch import MODEL_FIELDS, Batch
 from numpy.typing import NDArray
 
 from robolamp.calibrate.session import LampRecording
+from robolamp.twin.bank import goals_by_step
 from robolamp.twin.model import TwinModel
 from robolamp.twin.motors import Motors, Views
 from robolamp.twin.servo import write_motors
@@ -77,21 +78,21 @@ def simulate(recording: LampRecording, twins: Sequence[TwinModel]) -> Simulated:
         drive.before_step()
         batch.step(every, 1)
 
+    hold = run.goal[max(recording.first - 1, 0)]
     batch.reset()
     qpos[:] = twin.model.key_qpos[0]
     drive.place(_first_known(run.angle[rows]))
-    drive.forget(run.goal[max(recording.first - 1, 0)])
+    drive.forget(hold)
     motors(voltage[0], True)
     for _ in range(round(SETTLE / dt)):
         advance()
     # Goals are under way and the foot is on the floor now; the joints fell a little until the goals came.
-    drive.place(_first_known(run.angle[rows]))
+    drive.turn(_first_known(run.angle[rows]))
     qvel[:] = 0.0
     begin = float(run.sampled_at[recording.first].min())
     count = round((float(np.nanmax(run.sampled_at[recording.last])) - begin) / dt) + 2
     time = np.asarray(begin + dt * np.arange(count), np.float64)
-    # A goal counts from the physics step nearest to its arrival on.
-    sent = np.searchsorted(run.write_done[rows], time + dt / 2, side="right") - 1 + recording.first
+    goals = goals_by_step(hold, run.goal[rows], run.write_done[rows] - begin, dt, count)
     at_tick = np.clip(np.searchsorted(run.began[rows], time, side="right") - 1, 0, None)
     angles, forces = np.empty((count, lanes, len(twin.qpos))), np.empty((count, lanes))
     base = np.empty((count, lanes))
@@ -106,7 +107,7 @@ def simulate(recording: LampRecording, twins: Sequence[TwinModel]) -> Simulated:
             if before[0] < 0 or torque != before[1] or (voltage[tick] != voltage[before[0]]).any():
                 motors(voltage[tick], torque)
             before = (tick, torque)
-        drive.goal[:] = run.goal[max(int(sent[step]), 0)]
+        drive.goal[:] = goals[step]
         advance()
     diverged = (batch.warning[:, :, 1] > warned).any(axis=1)
     measured_at = run.sampled_at[rows]

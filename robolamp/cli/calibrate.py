@@ -13,7 +13,7 @@ _STEPS = {
 
 Says what to do with your hands before each step, and goes on where it stopped when it is started again with the same
 folder. Some 20 minutes for the whole lamp; with --emulate seconds, and no hands.""",
-    "lamp": """Fit a whole lamp to a recorded session: joints, foot, floor; what is not told keeps its prior.
+    "lamp": """Fit a whole lamp to a recorded session: joints, arm, foot, floor; what is not told keeps its prior.
 
 Exit code 0: the twin predicts what it was not fitted to; 1: it does not yet; 2: there was nothing to fit.""",
     "report": "Draw a calibration: recordings with the simulation laid over them, errors, parameters, the verdict.",

@@ -141,17 +141,24 @@ def _start(twin: TwinModel, score: Score) -> Array:
     return state
 
 
-def _each_step(score: Score, dt: float, steps: int) -> Array:
-    """Return the goals in force in each physics step from the score's begin on, shape (steps, n) [rad].
+def goals_by_step(hold: Array, goal: Array, sent: Array, dt: float, steps: int) -> Array:
+    """Return the goals in force in each physics step, shape (steps, n) [rad].
 
     One that arrives within a step is mixed with the one before, weighted by the time that each holds in that step.
+
+    Args:
+        hold: Goals before the first of `goal`, shape (n,) [rad].
+        goal: Shape (k, n) [rad].
+        sent: When each reaches the servos, from the first step's begin on, rising, shape (k,) [s].
+        dt: Physics step [s].
+        steps: How many.
     """
-    goals = np.tile(score.hold, (steps, 1))
-    for goal, at in zip(score.goal, np.maximum((score.sent - score.begin) / dt, 0.0).tolist(), strict=True):
+    goals = np.tile(hold, (steps, 1))
+    for told, at in zip(goal, np.maximum(sent / dt, 0.0).tolist(), strict=True):
         whole = math.floor(at + 1e-6)
         if whole < steps:
-            goals[whole] = goal + max(at - whole, 0.0) * (goals[whole] - goal)
-            goals[whole + 1 :] = goal
+            goals[whole] = told + max(at - whole, 0.0) * (goals[whole] - told)
+            goals[whole + 1 :] = told
     return goals
 
 
@@ -198,7 +205,9 @@ class _Share:
         motors.forget(score.hold + self._zero)
         dt = twin.timestep
         settle, steps = round(SETTLE / dt), math.ceil((score.end - score.begin) / dt)
-        goals = _each_step(score, dt, steps + max(int(-self._late.min()), 0))
+        goals = goals_by_step(
+            score.hold, score.goal, score.sent - score.begin, dt, steps + max(int(-self._late.min()), 0)
+        )
         voltage, drawn = self._full.copy(), np.zeros(len(lanes))
         n = len(twin.qpos)
         angle, current = np.empty((steps, len(lanes), n)), np.empty((steps, len(lanes), n))

@@ -140,6 +140,13 @@ class Motors:
         for address in (self._twin.qpos, self._gears.qpos):
             self._views.qpos[:, address] = angle
 
+    def turn(self, angle: Array) -> None:
+        """Turn joints until their horns are at angles, shape (n,) [rad]; gears stay pushed, links bent."""
+        by = angle - self.angle
+        self._views.qpos[:, self._twin.qpos] += by
+        parted = self._gears.parted
+        self._views.qpos[:, self._gears.qpos[parted]] += by[:, parted]
+
     def forget(self, goal: Array | float) -> None:
         """Let goals, shape (k, n) [rad] or one for all, have been told all along."""
         self.goal[:] = goal

@@ -57,7 +57,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> LampSession:
 @pytest.fixture(scope="module")
 def fit(session: LampSession) -> LampFit:
     asked = ("torque_constant", "viscous", "coulomb", "load_motor", "load_external", "delay")
-    return fit_lamp(session, LAMP, NOMINAL, ASSETS, names=asked, iterations=4)
+    return fit_lamp(session, LAMP, NOMINAL, ASSETS, names=asked, iterations=4, gears=False)
 
 
 @pytest.fixture(scope="module")
