@@ -139,13 +139,14 @@ def busy() -> Iterator[None]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=600.0, help="of the loop at each of 100 and 50 Hz (600)")
+    parser.add_argument("--seconds", type=float, default=600.0, help="of the loop at each rate (600)")
+    parser.add_argument("--rates", type=int, nargs="+", default=[100, 50], help="beside a busy core [Hz] (100 50)")
     parser.add_argument("--chunk", type=float, default=20.0, help="length of a turn [s] (20)")
     parser.add_argument("--search", type=float, default=5.0, help="seconds at each rate of the search; 0: none (5)")
     options = parser.parse_args()
     with emulated() as robot:
         with busy():
-            for period in (0.01, 0.02):
+            for period in (1 / rate for rate in options.rates):
                 ours, theirs = Beat(), Beat()
                 for _ in range(max(1, round(options.seconds / options.chunk))):
                     lamp_loop(robot, period, min(options.chunk, options.seconds), ours)
