@@ -7,12 +7,18 @@ import signal
 import sys
 from types import FrameType
 
+_NO_DISPLAY = "0"
+"""MUJOCO_GL unless it is given. Else MuJoCo asks glfw for a display as it loads, in a process that Ctrl-C hits, too;
+what robolamp draws, it draws without one (`robolamp.twin.render`)."""
+
 _INTERRUPTED = 130  # as a shell reports a process that SIGINT ended
 
 
 def main() -> None:
     """Run the command line and exit the process with its code."""
     signal.signal(signal.SIGINT, _interrupt)
+    if sys.platform == "linux" and not os.environ.get("MUJOCO_GL"):
+        os.environ["MUJOCO_GL"] = _NO_DISPLAY
     try:
         from robolamp.cli.main import main as run
 

@@ -47,7 +47,7 @@ def qpos_of(twin: TwinModel, base: Sequence[float], angle: NDArray[np.float64]) 
 
 def _gl_context(width: int, height: int):
     try:
-        if sys.platform == "linux" and not os.environ.get("MUJOCO_GL"):
+        if sys.platform == "linux" and os.environ.get("MUJOCO_GL", "") in ("", "0"):
             from mujoco.egl import GLContext  # noqa: PLC0415 (needs no display)
         else:
             from mujoco.rendering.classic.gl_context import GLContext  # noqa: PLC0415
