@@ -29,6 +29,9 @@ from dynamixel_easy_sdk import Connector, DxlRuntimeError
 
 from robolamp.assets import Assets
 from robolamp.dynamixel.block import LENGTHS
+from robolamp.dynamixel.bus import Bus
+from robolamp.dynamixel.registers import MODELS, RAD_PER_COUNT
+from robolamp.dynamixel.servos import Servos
 from robolamp.errors import RobolampError
 from robolamp.lamp import load_lamp
 from robolamp.robot.lamp import RobotLamp
@@ -74,6 +77,23 @@ def robolamp(port: str, foot: str) -> Iterator[Tick]:
 
     yield tick
     backend.close()
+
+
+@contextlib.contextmanager
+def bus_alone(port: str, _: str) -> Iterator[Tick]:
+    bus = Bus(port, BAUD, MonotonicClock(), patience=0.2)
+    bus.open()
+    servos = Servos(bus, IDS, [MODELS["XL330-M288-T"]] * len(IDS))
+    servos.prepare([identity.firmware for servo in IDS if (identity := bus.ping(servo)) is not None])
+    goal = np.full(len(IDS), CENTRE * RAD_PER_COUNT)
+
+    def tick() -> bool:
+        state = servos.read()
+        servos.write_goals(goal)
+        return bool(np.isfinite(state.position).all())
+
+    yield tick
+    bus.close()
 
 
 @contextlib.contextmanager
@@ -193,6 +213,7 @@ FAST = SYNC_READ + 8 + len(IDS) * (4 + sum(LENGTHS) / len(LENGTHS)) + SYNC_WRITE
 
 CLIENTS = (
     Client("robolamp", WHOLE, FAST, robolamp),
+    Client("robolamp's bus alone", WHOLE, FAST, bus_alone),
     Client("dynamixel-sdk, group reads", WHOLE, sync_bytes(BLOCK[1]), lambda port, _: plain_sdk(port, *BLOCK)),
     Client("dynamixel-sdk, group reads", POSITION, sync_bytes(4), lambda port, _: plain_sdk(port, 132, 4)),
     Client("rustypot", WHOLE, sync_bytes(BLOCK[1]), lambda port, _: rusty(port, *BLOCK)),

@@ -30,6 +30,9 @@ floor, and in the air, where a sensor may show its zero. Estimates: a hop's flig
 FOOT_STUCK_MOVE = 0.05
 """Movement of a joint in which the floor's force must change [rad]: it moves the lamp's weight by centimetres."""
 
+FOOT_STUCK_SPEED = 0.3
+"""Speed below which movement does not count [rad/s]: the floor then feels the lamp's weight and nothing else."""
+
 TEMPERATURE = 65.0
 """Temperature at which the run ends [degC]: below the servos' own limits of 70 and 72 (Temperature Limit(31))."""
 
@@ -185,18 +188,19 @@ class _Still:
         self._contact_on = contact_on
         self._force = math.nan
         self._since = self._seen = math.nan
-        self._low = self._high = np.empty(0)
+        self._angle = self._way = self._low = self._high = np.empty(0)
 
     def stuck(self, observation: Observation) -> bool:
         """Return whether the force has stayed the same for too long while a joint moved."""
-        angle = observation.angle
-        watched = observation.time - self._seen <= MAX_PERIOD
-        self._seen = observation.time
-        if observation.foot_force != self._force or not watched:
+        angle, passed = observation.angle, observation.time - self._seen
+        before, self._angle, self._seen = self._angle, angle, observation.time
+        if observation.foot_force != self._force or not passed <= MAX_PERIOD:
             self._force, self._since = observation.foot_force, observation.time
-            self._low, self._high = angle, angle
+            self._way = self._low = self._high = np.zeros(len(angle))
             return False
-        self._low, self._high = np.fmin(self._low, angle), np.fmax(self._high, angle)
+        step = angle - before
+        self._way = self._way + np.where(np.abs(step) > FOOT_STUCK_SPEED * passed, step, 0.0)  # not where it is NaN
+        self._low, self._high = np.minimum(self._low, self._way), np.maximum(self._high, self._way)
         moved = bool((self._high - self._low > FOOT_STUCK_MOVE).any())
         allowed = FOOT_STUCK if self._force > self._contact_on else FOOT_STUCK_AIR
         return moved and observation.time - self._since > allowed

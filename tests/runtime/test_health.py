@@ -175,3 +175,14 @@ def test_a_force_is_not_stuck_for_what_nobody_saw() -> None:
         seen.time, seen.foot_force = time, 2.0
         seen.angle[1] = angle
         assert guard.check(seen) == Verdict.GO
+
+
+@pytest.mark.parametrize(("speed", "verdict"), [(0.2, Verdict.GO), (0.5, Verdict.LAND)])
+def test_a_lamp_that_creeps_presses_the_floor_with_its_weight_alone(speed: float, verdict: Verdict) -> None:
+    guard, worst = Guard(LAMP), Verdict.GO
+    for step in range(40):
+        seen = observation()
+        seen.time, seen.foot_force = step * 0.01, 2.119
+        seen.angle[1] = 0.3 - speed * seen.time
+        worst = max(worst, guard.check(seen))
+    assert worst == verdict
