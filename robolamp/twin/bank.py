@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from robolamp.twin.body import Body
 from robolamp.twin.model import TwinModel
-from robolamp.twin.motors import Motors, Views
+from robolamp.twin.motors import LEAST_VOLTAGE, Motors, Views
 from robolamp.twin.servo import write_motors
 
 Array = NDArray[np.float64]
@@ -24,7 +24,6 @@ SETTLE = 0.3
 """How long each twin stands with the first goals before the record begins [s]."""
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _HAND = 5.0  # friction by which a hand holds a joint [Nm]: ten times what a servo can push
-_LEAST_VOLTAGE = 0.5  # a supply that sags keeps this much [V]
 
 
 @dataclass(frozen=True)
@@ -226,7 +225,7 @@ class _Share:
             for lane, member in self._sagging:
                 since = score.begin + step * dt - score.powered
                 fallen = self._full[lane] - self._resistance[lane] * drawn[lane] - member.drain * since
-                voltage[lane] = max(fallen, _LEAST_VOLTAGE)
+                voltage[lane] = max(fallen, LEAST_VOLTAGE)
                 rows = self._gainprm[lane][twin.actuator]
                 write_motors(rows, member.twin.servos, self._p_gain, np.full(n, voltage[lane]), np.ones(n, bool))
                 self._gainprm[lane][twin.actuator] = rows

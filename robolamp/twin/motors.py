@@ -23,7 +23,7 @@ from robolamp.twin.servo import friction_loss, weaken
 
 Array = NDArray[np.float64]
 
-_LEAST_VOLTAGE = 0.5
+LEAST_VOLTAGE = 0.5
 """A supply that sags keeps this much: a servo switches off long before [V]."""
 _R, _KP, _VMAX = 0, 4, 7  # columns of a dcmotor's actuator_gainprm
 _OPEN = 1e8  # no winding has as much [Ohm]
@@ -169,7 +169,7 @@ class Motors:
             weaken(self._weakness, gears.dof, twin.actuator, views.motor, views.qvel, views.gains)
         if self._supply.any():
             sag(
-                self._supply, self.full, _LEAST_VOLTAGE, self._k, gears.dof, twin.actuator, views.motor, views.qvel,
+                self._supply, self.full, LEAST_VOLTAGE, self._k, gears.dof, twin.actuator, views.motor, views.qvel,
                 views.gains, self.voltage,
             )  # fmt: skip
         if not self._parted:
