@@ -18,7 +18,7 @@ from robolamp.lamp import Joint, load_lamp
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from robolamp.dynamixel.servos import ServoState
+    from robolamp.dynamixel.state import ServoState
     from robolamp.foot.sensor import FootSensor
 
 _PERIOD = 0.05  # s: twenty looks a second

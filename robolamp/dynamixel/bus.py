@@ -12,8 +12,9 @@ from __future__ import annotations
 import contextlib
 import termios
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from dynamixel_sdk import COMM_RX_TIMEOUT, COMM_SUCCESS, Protocol2PacketHandler
@@ -42,7 +43,12 @@ _BROADCAST = 0xFE
 _PING, _READ, _WRITE, _REBOOT, _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x01, 0x02, 0x03, 0x08, 0x82, 0x83, 0x8A
 _WRONG_CRC = 3
 _STATUS_BYTES = 11  # a status packet without data: header 4, id, length 2, instruction, ERR, CRC 2
+_updated = Protocol2PacketHandler().updateCRC
 _PORT_ERRORS = (OSError, termios.error)  # SerialException is an OSError; tcflush on a port that went away is not
+
+
+def nothing() -> None:
+    """What there is to do while answers are on their way."""
 
 
 @dataclass(frozen=True)
@@ -178,13 +184,16 @@ class Bus:
         parameters = register.address.to_bytes(2, "little") + _encoded(register, value)
         self._answer(servo, _WRITE, parameters, 0, f"{value} for {_named(register)}")
 
-    def sync_read(self, servos: Sequence[int], address: int, length: int) -> dict[int, Status]:
+    def sync_read(
+        self, servos: Sequence[int], address: int, length: int, meanwhile: Callable[[], None] = nothing
+    ) -> dict[int, Status]:
         """Read the same bytes of several servos with one instruction.
 
         Args:
             servos: Their ids, in the order in which they answer.
             address: Of the first byte.
             length: Bytes a servo.
+            meanwhile: Called while the answers are on their way; must not take longer than they do.
 
         Returns:
             The status packets of those that answered; one that is missing did not (or its bytes were damaged).
@@ -198,6 +207,7 @@ class Bus:
             head = address.to_bytes(2, "little") + length.to_bytes(2, "little")
             self._send(_BROADCAST, _SYNC_READ, head + bytes(servos))
             self._wait(_STATUS_BYTES + length, self._patience)
+            meanwhile()
             while missing:
                 received = self._receive()
                 if received is None:
@@ -209,7 +219,9 @@ class Bus:
                     self._wait(_STATUS_BYTES + length, self._patience)
         return found
 
-    def fast_sync_read(self, servos: Sequence[int], address: int, length: int) -> dict[int, Status]:
+    def fast_sync_read(
+        self, servos: Sequence[int], address: int, length: int, meanwhile: Callable[[], None] = nothing
+    ) -> dict[int, Status]:
         """Read the same bytes of several servos with one instruction that they answer with one packet together.
 
         Each servo adds its block when it has heard the one before it: from the first that is silent on, all are
@@ -219,6 +231,7 @@ class Bus:
             servos: Their ids, in the order of the blocks.
             address: Of the first byte.
             length: Bytes a servo.
+            meanwhile: Called while the answers are on their way; must not take longer than they do.
 
         Returns:
             The blocks that came undamaged.
@@ -226,19 +239,16 @@ class Bus:
         Raises:
             BusError: The port is gone.
         """
-        reply = FastReply(servos, length, self._packets.updateCRC)
-        block = FastReply.block(length)
+        reply = FastReply(servos, length, _updated)
         with self._line():
             head = address.to_bytes(2, "little") + length.to_bytes(2, "little")
             self._send(_BROADCAST, _FAST_SYNC_READ, head + bytes(servos))
-            self._wait(FastReply.HEAD + block, self._patience)
+            self._wait(reply.expected, self._patience)
+            meanwhile()
             while not reply.complete:
                 data = self._port.readPort(reply.expected)
                 if data:
-                    blocks = len(reply.found)
                     reply.feed(data)
-                    if len(reply.found) > blocks:
-                        self._wait(block, self._patience)
                 elif self._port.isPacketTimeout():
                     break
         return reply.found
@@ -329,10 +339,7 @@ class Bus:
         return damaged
 
     def _send(self, servo: int, instruction: int, parameters: bytes) -> None:
-        body = bytes([instruction]) + parameters
-        stuffed = body.replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
-        packet = _HEADER + bytes([servo]) + (len(stuffed) + 2).to_bytes(2, "little") + stuffed
-        packet += self._packets.updateCRC(0, packet, len(packet)).to_bytes(2, "little")
+        packet = _packet(servo, instruction, parameters)
         self._port.is_using = False  # rxPacket leaves it so, except where it raised
         self.stray += self._port.getBytesAvailable()
         self._port.clearPort()  # an answer that came too late must not pass for this instruction's
@@ -365,6 +372,14 @@ class Bus:
         except _PORT_ERRORS as error:
             self.gone = True
             raise BusError(f"the port is gone ({said_by(error)})", self.name) from None
+
+
+@lru_cache(maxsize=64)  # a tick asks the same questions again and again
+def _packet(servo: int, instruction: int, parameters: bytes) -> bytes:
+    body = bytes([instruction]) + parameters
+    stuffed = body.replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
+    packet = _HEADER + bytes([servo]) + (len(stuffed) + 2).to_bytes(2, "little") + stuffed
+    return packet + _updated(0, packet, len(packet)).to_bytes(2, "little")
 
 
 def _named(register: Register) -> str:

@@ -49,8 +49,9 @@ class FastReply:
 
     @property
     def expected(self) -> int:
-        """How many bytes complete the next block, at least one: a port may wait for all that it is asked for."""
-        return max(1, max(self._at, self.HEAD) + self.block(self._length) - len(self._buffer))
+        """How many bytes complete the packet, at least one: a port may wait for all that it is asked for."""
+        left = len(self._servos) - len(self.found)
+        return max(1, max(self._at, self.HEAD) + left * self.block(self._length) - len(self._buffer))
 
     def feed(self, data: bytes) -> None:
         """Take received bytes; what precedes the head is noise."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import math
 import os
 import select
 from collections.abc import Sequence
@@ -15,6 +16,7 @@ from robolamp.signals import Clock
 
 _MOST_BYTES = 1024  # more than all answers to one instruction: a line that babbles must not hold the loop
 _WRITE_TIMEOUT = 0.05  # s: a port that takes no bytes any more
+_SPIN = 0.0002  # s, before and after bytes are due: a sleeper is woken 0.05 to 0.1 ms late, a third of a tick's slack
 
 
 class Port(Protocol):
@@ -56,7 +58,7 @@ class Port(Protocol):
 
 
 class SerialPort(PortHandler):
-    """The SDK's serial port, on our clock, sleeping while it waits instead of polling.
+    """The SDK's serial port, on our clock, sleeping while it waits instead of polling, but for the moment of arrival.
 
     Args:
         path: Device path.
@@ -74,6 +76,7 @@ class SerialPort(PortHandler):
         self.baudrate = baud
         self._clock = clock
         self._received = 0
+        self._quiet = -math.inf  # when all that was sent has left, by the line's rate, or the last byte came [s]
         self.low_latency = False
 
     def setupPort(self, cflag_baud: int) -> Literal[True]:
@@ -99,16 +102,38 @@ class SerialPort(PortHandler):
         self._received = 0
         super().setPacketTimeoutMillis(msec)
 
+    def writePort(self, packet: Sequence[int]) -> int:
+        """Send bytes; return how many."""
+        data = bytes(packet)
+        try:
+            written = os.write(self.ser.fileno(), data)
+        except BlockingIOError:
+            written = 0
+        if written < len(data):  # its buffer is full: wait, as pyserial does
+            written += self.ser.write(data[written:])
+        self._quiet = max(self._quiet, self._clock.now()) + written * self.tx_time_per_byte / 1000.0
+        return written
+
     def readPort(self, length: int) -> bytes:
-        """Return received bytes, sleeping until there are some or the packet timeout is over."""
-        if self._received >= _MOST_BYTES:
+        """Return received bytes, waiting until there are some or the packet timeout is over."""
+        if self._received >= _MOST_BYTES or not self._arrived(length):
             return b""
-        device = self.ser.fileno()
-        left = (self.packet_timeout - self.getTimeSinceStart()) / 1000.0
-        if not select.select([device], [], [], max(left, 0.0))[0]:
-            return b""
-        data = os.read(device, length)
+        data = os.read(self.ser.fileno(), length)
         if not data:
             raise OSError(errno.EIO, os.strerror(errno.EIO))  # readable and empty: the device went away
         self._received += len(data)
+        self._quiet = self._clock.now()
         return data
+
+    def _arrived(self, length: int) -> bool:
+        """Wait for the first of so many bytes: asleep, but awake around the time when the last of them is due."""
+        device = [self.ser.fileno()]
+        due = self._quiet + length * self.tx_time_per_byte / 1000.0
+        now = self._clock.now()
+        end = now + max(self.packet_timeout - self.getTimeSinceStart(), 0.0) / 1000.0
+        if select.select(device, [], [], max(min(due - _SPIN, end) - now, 0.0))[0]:
+            return True
+        while self._clock.now() < min(due + _SPIN, end):
+            if select.select(device, [], [], 0.0)[0]:
+                return True
+        return bool(select.select(device, [], [], max(end - self._clock.now(), 0.0))[0])

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.dynamixel.block import LENGTHS, data_address, map_block, places_in_block
-from robolamp.dynamixel.bus import Bus
+from robolamp.dynamixel.bus import Bus, nothing
 from robolamp.dynamixel.registers import COUNTS_PER_TURN, FULL_PWM, RAD_PER_COUNT, WATCHDOG_UNIT, Model, Name, Register
+from robolamp.dynamixel.state import COLUMNS, VOLTAGE, Answer, Layout, Scales, ServoState
 from robolamp.dynamixel.status import Status
 from robolamp.errors import BusError, SafetyError
 
@@ -80,50 +80,6 @@ def request_wire_time(n: int, baud: int) -> float:
     return (10 + 4 + n) * 10.0 / baud  # a Sync Read, as in `tick_wire_time`
 
 
-@dataclass
-class ServoState:
-    """What the servos measured, in servo terms, shape (n,) each; a servo that did not answer has NaN and -1.
-
-    Attributes:
-        position: Servo angle, 0 to 2 pi over its turn [rad].
-        velocity: [rad/s].
-        current: [A]; NaN for a model that does not measure it.
-        pwm: Duty, -1 to 1.
-        voltage: [V].
-        temperature: [degC].
-        torque: Torque Enable: 1, 0, or -1 unknown.
-        hardware_error: Hardware Error Status bits, or -1 unknown.
-        error: ERR byte of its answer, or -1: bit 7 is the hardware alert.
-        asked_again: Whether it answered only when asked a second time.
-        goal_lost: Whether its torque is on and its Goal Position is not what was sent last; only the health block
-            tells.
-    """
-
-    position: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    current: NDArray[np.float64]
-    pwm: NDArray[np.float64]
-    voltage: NDArray[np.float64]
-    temperature: NDArray[np.float64]
-    torque: NDArray[np.int64]
-    hardware_error: NDArray[np.int64]
-    error: NDArray[np.int64]
-    asked_again: NDArray[np.bool_]
-    goal_lost: NDArray[np.bool_]
-
-    @classmethod
-    def unknown(cls, n: int) -> ServoState:
-        """Return the state of n servos of which nothing is known."""
-        gaps, flags, no = np.full((6, n), np.nan), np.full((3, n), -1), np.zeros((2, n), np.bool_)
-        return cls(*gaps, *flags, *no)
-
-
-@dataclass(frozen=True)
-class _Answer:
-    error: int
-    values: dict[Name, int]
-
-
 class Servos:
     """Servos on a bus, in a fixed order.
 
@@ -141,11 +97,13 @@ class Servos:
         self._ids = tuple(ids)
         self._models = tuple(models)
         self._by_id = dict(zip(self._ids, self._models, strict=True))
-        self._fields = {servo: _block_fields(model) for servo, model in self._by_id.items()}
+        self._scales = Scales(models)
+        self._block_layout = {servo: Layout(_block_rows(model)) for servo, model in self._by_id.items()}
+        self._direct_layouts = {servo: _direct_layouts(model) for servo, model in self._by_id.items()}
         self._silent: set[int] = set()  # ids that did not answer last time
         self._lost: set[int] = set()  # ids whose health block is gone
         self._again: set[int] = set()  # ids that were asked twice in this reading
-        self._sent: dict[int, int] = {}  # goals that the servos should have [counts], by id
+        self._sent = np.full(len(self._ids), np.nan)  # goals that the servos should have [counts]
         self._block = 0  # address of the health block
         self._turn = 0  # which of the lengths is next
         self.transport = Transport.DIRECT
@@ -169,49 +127,36 @@ class Servos:
             self.transport = self._quickest(firmware)
         return self.transport
 
-    def read(self) -> ServoState:
+    def read(self, meanwhile: Callable[[], None] = nothing) -> ServoState:
         """Read position, velocity, current, PWM, voltage, temperature, torque and hardware error of all.
 
         A servo that does not answer is asked once more, unless it was silent last time already: a dead servo costs the
         bus's patience once a reading, not twice.
 
+        Args:
+            meanwhile: Called while the first answers are on their way, in the time of about a millisecond.
+
         Raises:
             BusError: The port is gone. A servo that does not answer is a gap, not an error.
         """
-        state = ServoState.unknown(len(self._ids))
         self._again = set()
         # Whoever was silent comes last: in a chain of answers it holds up nobody then.
         ids = sorted(self._ids, key=self._silent.__contains__)
         if self.transport is Transport.DIRECT:
-            found = self._direct(ids)
+            found = self._direct(ids, meanwhile)
         else:
-            found = self._mapped([servo for servo in ids if servo not in self._lost])
-            gone = {servo for servo, answer in found.items() if answer.values[Name.PRESENT_INPUT_VOLTAGE] == 0}
+            found = self._mapped([servo for servo in ids if servo not in self._lost], meanwhile)
+            gone = {servo for servo, answer in found.items() if answer.values[VOLTAGE] == 0}
             self._lost |= gone  # a servo that answers has a supply: it rebooted, and its block reads 0 throughout
             if self._lost:
                 found = {i: answer for i, answer in found.items() if i not in gone}
                 found |= self._direct([servo for servo in ids if servo in self._lost])
         self._silent = set(self._ids) - set(found)
-        columns = (
-            (state.position, Name.PRESENT_POSITION),
-            (state.velocity, Name.PRESENT_VELOCITY),
-            (state.current, Name.PRESENT_CURRENT),
-            (state.pwm, Name.PRESENT_PWM),
-            (state.voltage, Name.PRESENT_INPUT_VOLTAGE),
-            (state.temperature, Name.PRESENT_TEMPERATURE),
-            (state.torque, Name.TORQUE_ENABLE),
-            (state.hardware_error, Name.HARDWARE_ERROR_STATUS),
+        return self._scales.state(
+            [found.get(servo) for servo in self._ids],
+            [servo in self._again for servo in self._ids],
+            self._sent,
         )
-        for index, servo in enumerate(self._ids):
-            if servo in found:
-                state.error[index] = found[servo].error
-                for column, name in columns:
-                    if name in found[servo].values:
-                        column[index] = found[servo].values[name] * self._by_id[servo][name].scale
-                state.asked_again[index] = servo in self._again
-                goal, sent = found[servo].values.get(Name.GOAL_POSITION), self._sent.get(servo)
-                state.goal_lost[index] = state.torque[index] == 1 and goal != sent and None not in (goal, sent)
-        return state
 
     def write_goals(self, angle: NDArray[np.float64]) -> None:
         """Send goal positions.
@@ -232,7 +177,7 @@ class Servos:
                     self._bus.name,
                 )
             counts[servo] = count
-        self._sent |= counts
+        self._sent[:] = list(counts.values())
         self._bus.sync_write(self._models[0][Name.GOAL_POSITION], counts)
 
     def value(self, index: int, name: Name) -> float:
@@ -271,10 +216,10 @@ class Servos:
                 self._bus.write(servo, model[name], 0)
             self._bus.write(servo, model[Name.POSITION_P_GAIN], gain)
             self._bus.write(servo, model[Name.GOAL_PWM], round(duty * FULL_PWM))
-        for servo, model in zip(self._ids, self._models, strict=True):
+        for index, (servo, model) in enumerate(zip(self._ids, self._models, strict=True)):
             present = self._bus.read(servo, model[Name.PRESENT_POSITION])
             self._bus.write(servo, model[Name.GOAL_POSITION], present)
-            self._sent[servo] = present
+            self._sent[index] = present
             self._bus.write(servo, model[Name.TORQUE_ENABLE], 1)
             if self._bus.read(servo, model[Name.TORQUE_ENABLE]) != 1:
                 raise BusError(
@@ -337,47 +282,46 @@ class Servos:
                 return way
         return Transport.DIRECT
 
-    def _mapped(self, ids: Sequence[int]) -> dict[int, _Answer]:
+    def _mapped(self, ids: Sequence[int], meanwhile: Callable[[], None]) -> dict[int, Answer]:
         """Read health blocks; those that are missing once more, each servo in its own packet."""
         fast = self.transport is Transport.FAST
-        found = self._block_read(ids, fast)
+        found = self._block_read(ids, fast, meanwhile)
         again = [servo for servo in ids if servo not in found and servo not in self._silent]
         late = self._block_read(again, False)
         self._again |= set(again[:1] if fast else again) & set(late)  # one that fails takes those behind it along
         return found | late
 
-    def _block_read(self, ids: Sequence[int], fast: bool) -> dict[int, _Answer]:
+    def _block_read(self, ids: Sequence[int], fast: bool, meanwhile: Callable[[], None] = nothing) -> dict[int, Answer]:
         if not ids:
             return {}
         self._turn += 1
         length = LENGTHS[self._turn % len(LENGTHS)]
         read = self._bus.fast_sync_read if fast else self._bus.sync_read
-        found: dict[int, _Answer] = {}
-        for servo, status in read(ids, self._block, length).items():
-            values = {row.name: _field(status, row, at, size) for row, at, size in self._fields[servo]}
-            found[servo] = _Answer(status.error, values)
+        found: dict[int, Answer] = {}
+        for servo, status in read(ids, self._block, length, meanwhile).items():
+            found[servo] = Answer(status.error, self._block_layout[servo].values(status.data))
         return found
 
-    def _direct(self, ids: Sequence[int]) -> dict[int, _Answer]:
+    def _direct(self, ids: Sequence[int], meanwhile: Callable[[], None] = nothing) -> dict[int, Answer]:
         """Read the registers themselves, in two sync reads."""
         self._turn += 1
         longer = self._turn % 2 == 0  # by one byte, as the lengths of the block
-        measured = self._sync_read(ids, STATE[0], STATE[1] + longer)
+        measured = self._sync_read(ids, STATE[0], STATE[1] + longer, meanwhile)
         condition = self._sync_read([servo for servo in ids if servo in measured], *CONDITION)
-        found: dict[int, _Answer] = {}
+        found: dict[int, Answer] = {}
         for servo, status in measured.items():
-            answer = _Answer(status.error, {})
-            for row, _, _ in self._fields[servo]:
-                for start, length, source in ((*STATE, status), (*CONDITION, condition.get(servo))):
-                    if source and start <= row.address < start + length:
-                        answer.values[row.name] = _field(source, row, row.address - start, row.size)
-            found[servo] = answer
+            whole, alone = self._direct_layouts[servo]
+            half = status.data[: STATE[1]]
+            known = whole.values(half + condition[servo].data) if servo in condition else alone.values(half)
+            found[servo] = Answer(status.error, known)
         return found
 
-    def _sync_read(self, ids: Sequence[int], address: int, length: int) -> dict[int, Status]:
+    def _sync_read(
+        self, ids: Sequence[int], address: int, length: int, meanwhile: Callable[[], None] = nothing
+    ) -> dict[int, Status]:
         if not ids:
             return {}
-        found = self._bus.sync_read(ids, address, length)
+        found = self._bus.sync_read(ids, address, length, meanwhile)
         again = [servo for servo in ids if servo not in found and servo not in self._silent]
         late = self._bus.sync_read(again, address, length) if again else {}
         self._again |= set(late)
@@ -395,18 +339,23 @@ class Servos:
         return False
 
 
-def _field(status: Status, register: Register, start: int, size: int) -> int:
-    return int.from_bytes(status.data[start : start + size], "little", signed=register.signed)
-
-
-def _block_fields(model: Model) -> list[tuple[Register, int, int]]:
+def _block_rows(model: Model) -> list[tuple[Register, int, int]]:
     """Return what is read of a health block, each with its first byte and size; what the model lacks is left out."""
     places = [(model[name], *place) for name, place in places_in_block().items() if name in model.registers]
-    return [(row, at, size) for row, at, size in places if at + size <= LENGTHS[0]]
+    return [row for row in places if row[0].name in COLUMNS]
 
 
-def _alike(block: _Answer, direct: _Answer) -> bool:
-    """Whether a health block says the same as the registers themselves."""
-    return all(
-        name in direct.values and abs(block.values[name] - direct.values[name]) <= most for name, most in _ALIKE.items()
+def _direct_layouts(model: Model) -> tuple[Layout, Layout]:
+    """Return the layouts of STATE followed by CONDITION, and of STATE alone."""
+    rows = [model[name] for name in COLUMNS if name in model.registers]
+    state, condition = (
+        [(row, row.address - start + before, row.size) for row in rows if start <= row.address < start + length]
+        for (start, length), before in ((STATE, 0), (CONDITION, STATE[1]))
     )
+    return Layout(state + condition), Layout(state)
+
+
+def _alike(block: Answer, direct: Answer) -> bool:
+    """Whether a health block says the same as the registers themselves; what is unknown is not alike."""
+    found, wanted = (dict[Name, float](zip(COLUMNS, one.values, strict=True)) for one in (block, direct))
+    return all(abs(found[name] - wanted[name]) <= most for name, most in _ALIKE.items())

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections import Counter
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.dynamixel.bus import PATIENCE, Bus, Port
-from robolamp.dynamixel.servos import Servos, ServoState, request_wire_time
+from robolamp.dynamixel.servos import Servos, request_wire_time
+from robolamp.dynamixel.state import ServoState
 from robolamp.errors import BusError, SafetyError
 from robolamp.foot.sensor import ByteSource, FootSensor
 from robolamp.lamp import Lamp
@@ -25,6 +25,8 @@ _SUSPECT = 0.8  # share of WATCHDOG after which the servos are asked: their cloc
 
 _CONDITION_TICKS = 5
 """Readings in a row without a servo's torque and error flags after which that is a fault; one may be noise."""
+
+_DAMAGES = ("bus: bytes that nobody asked for", "foot: frames lost", "foot: damaged bytes", "foot: frames repeated")
 
 _ROUNDING = 1e-9  # rad: a goal on its limit may be this far outside by rounding
 
@@ -79,7 +81,7 @@ class RobotLamp:
         self._spoke = -math.inf  # when the bus last carried a packet of ours [s]
         self._silence = 0.0  # longest time without one since the watchdogs were last known to be armed [s]
         self._unknown = np.zeros(len(lamp.joints), np.int64)  # readings in a row without a servo's condition
-        self._noted: Counter[str] = Counter()  # what was last known to have gone wrong on the lines
+        self._noted = (0,) * len(_DAMAGES)  # how often each was last known to have happened
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -152,29 +154,22 @@ class RobotLamp:
     def observe(self) -> Observation:
         """Read servos and foot sensor once; what is missing is a gap, with a fault that names it."""
         faults: list[str] = []
+        felt: list[str] = []
         began = self._clock.now()
         self._silence = max(self._silence, began - self._spoke)  # before this reading feeds the watchdogs again
         try:
-            state = self._ready().read()
+            state = self._ready().read(lambda: felt.extend(self._feel()))  # at the angles' moment, and in time to spare
         except BusError as error:
             state = ServoState.unknown(len(self.joints))
+            felt = self._feel()
             faults.append(f"bus: {error.message}")
         angle = self._frame.joint_angle(state.position)
         present = np.isfinite(angle)
         self._measured[present] = began + self._asking  # an angle is no older than its age
         if not faults:
             self._spoke = began
-            faults += [f"{self.joints[index]}: no answer" for index in np.flatnonzero(~present)]
-            self._unknown = np.where(present & (state.torque < 0), self._unknown + 1, 0)
-            again = np.flatnonzero(state.asked_again & present)
-            faults += [f"{self.joints[index]}: answered only when asked again" for index in again]
-            faults += [f"{self.joints[index]}: a goal did not arrive" for index in np.flatnonzero(state.goal_lost)]
-            silent_alert = np.flatnonzero((state.error > 0) & (state.hardware_error <= 0))
-            faults += [f"{self.joints[index]}: error byte {state.error[index]:#04x}" for index in silent_alert]
-            lasting = np.flatnonzero(self._unknown >= _CONDITION_TICKS)
-            faults += [f"{self.joints[index]}: condition unknown" for index in lasting]
-        faults += self._feel()
-        faults += self._damage()
+            faults = self._amiss(state, present)
+        faults += felt + self._damage()
         now = self._clock.now()
         sign = self._frame.sign
         return Observation(
@@ -245,6 +240,23 @@ class RobotLamp:
         if self._foot is not None:
             self._foot.close()
 
+    def _amiss(self, state: ServoState, present: NDArray[np.bool_]) -> list[str]:
+        """Return what is wrong with a reading of the servos."""
+        whole = present.all() and (state.torque >= 0).all()
+        if whole and not (state.asked_again.any() or state.goal_lost.any() or state.error.any()):
+            self._unknown[:] = 0
+            return []
+        self._unknown = np.where(present & (state.torque < 0), self._unknown + 1, 0)
+        said = (
+            ("no answer", ~present),
+            ("answered only when asked again", state.asked_again & present),
+            ("a goal did not arrive", state.goal_lost),
+            ("condition unknown", self._unknown >= _CONDITION_TICKS),
+        )
+        faults = [f"{self.joints[index]}: {text}" for text, where in said for index in np.flatnonzero(where)]
+        alert = np.flatnonzero((state.error > 0) & (state.hardware_error <= 0))
+        return faults + [f"{self.joints[index]}: error byte {state.error[index]:#04x}" for index in alert]
+
     def _feel(self) -> list[str]:
         """Take what the foot sensor has sent, and return what is wrong with it."""
         if self._foot is None:
@@ -263,18 +275,12 @@ class RobotLamp:
 
     def _damage(self) -> list[str]:
         """Return what has gone wrong on the lines since the last call, though nothing may be missing for it."""
-        now = Counter({"bus: bytes that nobody asked for": self._bus.stray})
+        counts = (self._bus.stray, 0, 0, 0)
         if self._foot is not None:
             decoder = self._foot.decoder
-            now += Counter(
-                {
-                    "foot: frames lost": decoder.lost,
-                    "foot: damaged bytes": decoder.discarded,
-                    "foot: frames repeated": decoder.repeated,
-                }
-            )
-        new = list(now - self._noted)
-        self._noted = now
+            counts = (self._bus.stray, decoder.lost, decoder.discarded, decoder.repeated)
+        new = [text for text, count, before in zip(_DAMAGES, counts, self._noted, strict=True) if count > before]
+        self._noted = counts
         return new
 
     def _ready(self) -> Servos:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-from robolamp.dynamixel.servos import Servos, ServoState
+from robolamp.dynamixel.servos import Servos
+from robolamp.dynamixel.state import ServoState
 from robolamp.emulator.faults import Event, Faults
 
 FAULTS = Path(__file__).parents[2] / "benchmarks" / "faults.py"
@@ -60,8 +61,8 @@ def test_the_witness_finds_what_is_not_true(matrix: ModuleType, monkeypatch: pyt
     """The judge itself: without the check of goals by the loop, lost goals are not noticed, and the matrix says so."""
     read = Servos.read
 
-    def blind(servos: Servos) -> ServoState:
-        state = read(servos)
+    def blind(servos: Servos, *meanwhile: Callable[[], None]) -> ServoState:
+        state = read(servos, *meanwhile)
         state.goal_lost[:] = False
         state.asked_again[:] = False
         return state
