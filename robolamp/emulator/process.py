@@ -5,6 +5,7 @@ One thread, one select loop: bytes in, physics up to the present, answers out wh
 
 from __future__ import annotations
 
+import math
 import select
 import sys
 import time
@@ -22,6 +23,9 @@ REAL_TIME_GAP = 0.05
 
 CATCH_UP = 1.0
 """Longest time that physics makes up for after the process was held up [s]; the rest is skipped."""
+
+_PIECE = 62  # bytes: a long answer arrives as it goes, in pieces like those of a USB adapter (FTDI: 64 less 2)
+_SPIN = 0.00015  # s: a sleeper is woken 0.05 to 0.1 ms late, the time of ten bytes; answers wait awake that long
 
 _UNREAD = 125 * FRAME_SIZE  # a sensor keeps no frames for a client that does not read: 0.25 s of them at most
 _SWITCH_INTERVAL = 0.0005  # longest time that the truth log's thread keeps the interpreter from the line [s]
@@ -98,11 +102,14 @@ class Process:
         """Wait for bytes or for the next thing that is due, and do it."""
         world = self._world
         wake = world.time + world.timestep
-        if self._due:
-            wake = min(wake, self._due[0][0])
+        answer = self._due[0][0] if self._due else math.inf
         listening = [self._bus.descriptor] if self._bus.descriptor >= 0 else []
-        ready, _, _ = select.select(listening, [], [], max(0.0, wake - self._now()))
+        ready, _, _ = select.select(listening, [], [], max(0.0, min(wake, answer - _SPIN) - self._now()))
         now = self._now()
+        while answer - _SPIN < now < answer:
+            now = self._now()
+        while self._due and self._due[0][0] <= now:  # before anything that takes time
+            self._bus.write(heappop(self._due)[2])
         behind = now - world.time
         if behind > CATCH_UP:
             self._start += behind
@@ -113,8 +120,6 @@ class Process:
             self._hear(now)
         world.advance_to(now)
         self._plug(now)
-        while self._due and self._due[0][0] <= now:
-            self._bus.write(heappop(self._due)[2])
         frames = world.frames(now)
         if frames and self._foot and self._foot.descriptor >= 0:
             if self._foot.unread >= _UNREAD:
@@ -136,8 +141,13 @@ class Process:
             self._world.line.baud = baud
             if self._traffic:
                 self._traffic.sent(data, now)
+            before = -math.inf
             for reply in self._world.receive(data, now):
-                self._count += 1
-                heappush(self._due, (reply.due, self._count, reply.data))
+                for begin in range(0, len(reply.data), _PIECE):
+                    piece = reply.data[begin : begin + _PIECE]
+                    left = len(reply.data) - begin - len(piece)
+                    self._count += 1
+                    heappush(self._due, (max(reply.due - left * reply.byte, before), self._count, piece))
+                before = reply.due  # a packet that comes twice comes after itself
                 if self._traffic:
                     self._traffic.answered(reply.data, reply.due)
