@@ -23,6 +23,7 @@ def all(
     reality: str = "worn",
     goal: str = "22cm",
     base: str = "nominal",
+    rigid: Annotated[bool, Parameter(negative="")] = False,
     lamp: Path | None = None,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
@@ -37,6 +38,7 @@ def all(
         reality: How the lamp differs from its twin: a file, the name of one (worn), none, or random:SEED.
         goal: Of the hop that proves it, as 22cm; not one of those recorded.
         base: What is known before: a calibration file, or a name in calibration/.
+        rigid: Do not look for play in the gears and bending of the arm, as for `robolamp calibrate lamp`.
         lamp: A folder of your own lamp, laid out like robolamp's.
         as_json: Print one JSON object.
     """
@@ -67,7 +69,7 @@ def all(
             )
             record(session, plan, connect, say=say)
     file = output / "calibration.toml"
-    judged, facts = fit_session(setup, output / "recordings", file, quiet=as_json)
+    judged, facts = fit_session(setup, output / "recordings", file, quiet=as_json, rigid=rigid)
     fitted = load_calibration(setup.assets, file)
     hop = read_session(output / "proof", setup.lamp).recordings[0]
     before, after = (prove(hop, setup.lamp, one, setup.assets) for one in (setup.calibration, fitted))
