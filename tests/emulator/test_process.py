@@ -29,6 +29,8 @@ from mcap_ros2.decoder import DecoderFactory
 
 from robolamp.emulator.foot import crc16_ccitt
 
+from .parts import Status, read
+
 COMMAND = [sys.executable, "-c", "from robolamp.cli.main import main; main()", "emulate"]
 
 
@@ -248,3 +250,17 @@ def test_it_says_what_it_emulates() -> None:
     assert "/dev/pts/" in text
     assert "knee = XL330-M288-T id 2" in text
     assert "not modelled" in text
+
+
+def test_a_long_answer_comes_in_pieces_and_one_that_comes_twice_after_itself(tmp_path: Path) -> None:
+    script = tmp_path / "twice.toml"
+    script.write_text('name = "twice"\n\n[status]\nduplicated = 1.0\n')
+    size = 100  # of the control table: more than a piece
+    with (
+        emulator("--reality", "none", "--faults", str(script)) as (_, ready),
+        serial.Serial(str(ready["servo_port"]), 1_000_000, timeout=2.0) as port,
+    ):
+        port.write(read(1, 0, size))
+        once = port.read(11 + size)
+        assert port.read(11 + size) == once
+        assert len(Status.of(once).data) == size
