@@ -1,7 +1,8 @@
 """Fitting one servo to recordings of a pendulum bench: the ladder climbed, the rest told in words.
 
 The ladder is climbed as long as the error falls on recordings that the fit did not see: the recordings are dealt into
-parts, each part is predicted by a fit to the others.
+parts, each part is predicted by a fit to the others, which climbs by itself: begun near a fit to all, it would stay
+near what that one has seen.
 """
 
 from __future__ import annotations
@@ -163,26 +164,25 @@ def fit_servo(
         ([index for index in used if index not in part], part) for part in _deal(recordings, used)
     ]  # fmt: skip
     search = _Search(pendulum, centre, used, parts, rng, starts)
-    climbed: list[tuple[Rung, Solution, float, float]] = []
+    climbed: list[_Step] = []
     for rung in LADDER:
-        below = climbed[-1][1] if climbed else None
+        below = climbed[-1].solution if climbed else None
         names_below = below.chart.names if below is not None else ()
         solution = search.fit([*names_below, *rung.parameters], below, used, starts)
-        mae, unseen = float(search.mae(solution, used).mean()), search.left_out(solution)
-        climbed.append((rung, solution, mae, unseen))
-        said = f", left out {unseen * 1e3:.1f} mrad" if parts else ""
+        mae = float(search.mae(solution, used).mean())
+        others = search.others(solution, climbed[-1].others if climbed else None)
+        climbed.append(_Step(rung, solution, mae, search.left_out(others), others))
+        said = f", left out {climbed[-1].unseen * 1e3:.1f} mrad" if parts else ""
         told(f"{rung.name}: {mae * 1e3:.1f} mrad{said}")
         if len(climbed) - 1 - _top(climbed, centre) >= _PATIENCE:
             break
     top = _top(climbed, centre)
-    ladder = [Climbed(rung, index <= top, mae, unseen) for index, (rung, _, mae, unseen) in enumerate(climbed)]
-    found = climbed[top][1]
+    ladder = [Climbed(step.rung, index <= top, step.mae, step.unseen) for index, step in enumerate(climbed)]
+    found = climbed[top].solution
     told(f"kept up to: {ladder[top].rung.name}; once more from {2 * starts} starts")
-    names_found = found.chart.names
-    again = (search.fit(names_found, before, used, starts) for before in (found, None))
-    found = min(again, key=lambda solution: solution.objective)
+    found = search.again(found, used)
     found, held = _settled(search, found, used, dropped([recordings[index] for index in used]))
-    unseen = search.left_out(found, held) if held and not held_back else climbed[top][3]
+    unseen = search.left_out(search.others(found, climbed[top].others, held, again=True))
     return ServoFit(
         servo=servo,
         base=base,
@@ -195,6 +195,17 @@ def fit_servo(
         seconds=time.monotonic() - began,
         servo_seconds=pendulum.steps * pendulum.timestep,
     )
+
+
+@dataclass(frozen=True)
+class _Step:
+    """What `Climbed` tells, and the fits behind it: to all that may be seen, and to all but each part."""
+
+    rung: Rung
+    solution: Solution
+    mae: float
+    unseen: float
+    others: list[Solution]
 
 
 class _Search:
@@ -231,18 +242,42 @@ class _Search:
         around = [first + _SCATTER * self._rng.standard_normal(len(names)) for _ in range(starts - 1)]
         return problem.best(chart, [first, *around])
 
-    def left_out(self, solution: Solution, held: Sequence[str] = ()) -> float:
-        """Return the error on recordings left out: each part predicted by a fit to the others [rad].
+    def again(self, found: Solution, which: Sequence[int], held: Sequence[str] = ()) -> Solution:
+        """Return the better of two fits: from what was found, and from nothing."""
+        names = found.chart.names
+        fits = [self.fit(names, before, which, self._starts, held) for before in (found, None)]
+        return min(fits, key=lambda solution: solution.objective)
+
+    def others(
+        self,
+        solution: Solution,
+        before: Sequence[Solution] | None,
+        held: Sequence[str] = (),
+        *,
+        again: bool = False,
+    ) -> list[Solution]:
+        """Fit, for each part that is left out, the same parameters to the others; what saw that part has no say in it.
 
         Args:
-            solution: What is fitted, and from where.
-            held: Its parameters that keep their priors.
+            solution: What was fitted to all that may be seen: it names the parameters.
+            before: What was found for each part with fewer parameters; None: nothing yet.
+            held: Parameters that keep their priors.
+            again: Whether to fit from nothing, too.
         """
-        errors = []
-        for seen, unseen in self._parts:
-            alone = seen == list(self._used)  # left out on request: the solution has not seen them
-            part = solution if alone else self.fit(solution.chart.names, solution, seen, self._starts, held)
-            errors.append(self.mae(part, unseen))
+        names, found = solution.chart.names, []
+        for number, (seen, _) in enumerate(self._parts):
+            start = None if before is None else before[number]
+            if seen == list(self._used):  # left out on request: the solution has not seen them
+                found.append(solution)
+            elif again and start is not None:
+                found.append(self.again(start, seen, held))
+            else:
+                found.append(self.fit(names, start, seen, self._starts, held))
+        return found
+
+    def left_out(self, others: Sequence[Solution]) -> float:
+        """Return the error on recordings left out [rad]: each part is predicted by its own of `others`; NaN of none."""
+        errors = [self.mae(one, unseen) for one, (_, unseen) in zip(others, self._parts, strict=True)]
         return float(np.concatenate(errors).mean()) if errors else float("nan")
 
     def mae(self, solution: Solution, which: Sequence[int]) -> Array:
@@ -279,14 +314,14 @@ def _settled(search: _Search, solution: Solution, which: Sequence[int], dropped:
     return Solution(chart, np.clip(z, chart.low, chart.high), held.objective, solution.covariance), untold
 
 
-def _top(climbed: Sequence[tuple[Rung, Solution, float, float]], centre: dict[str, float]) -> int:
+def _top(climbed: Sequence[_Step], centre: dict[str, float]) -> int:
     """Return the rung to stop at: the least error left out, or, where none could be, the last that the base has on."""
-    unseen = np.array([each[3] for each in climbed])
+    unseen = np.array([step.unseen for step in climbed])
     if np.isfinite(unseen).all():
         best = int(np.argmin(unseen))
         return int(np.flatnonzero(unseen <= unseen[best] / _GAIN)[0])  # as few terms as are as good
     off = switched_off(centre)
-    return max(i for i, each in enumerate(climbed) if i == 0 or any(centre[n] != off[n] for n in each[0].parameters))
+    return max(i for i, step in enumerate(climbed) if i == 0 or any(centre[n] != off[n] for n in step.rung.parameters))
 
 
 def _deal(recordings: Sequence[Recording], used: Sequence[int]) -> list[list[int]]:

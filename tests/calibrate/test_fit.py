@@ -137,6 +137,6 @@ def test_a_name_to_leave_out_that_is_none_is_refused(
 def test_the_shipped_bench_calibration_predicts_the_real_servo(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("calibrate", "score", "xl330-m288-bench", REAL, "--json") == 0
     told = json.loads(capsys.readouterr().out)
-    assert told["mae_mrad"] < 16
+    assert told["mae_mrad"] < 18
     assert all(row["seen"] for row in told["recordings"])
-    assert load_calibration(Assets(), "xl330-m288-bench").provenance["left_out_mae"] < 0.020
+    assert load_calibration(Assets(), "xl330-m288-bench").provenance["left_out_mae"] < 0.025
