@@ -16,7 +16,7 @@ from robolamp.signals import Clock
 
 _MOST_BYTES = 1024  # more than all answers to one instruction: a line that babbles must not hold the loop
 _WRITE_TIMEOUT = 0.05  # s: a port that takes no bytes any more
-_SPIN = 0.0002  # s, before and after bytes are due: a sleeper is woken 0.05 to 0.1 ms late, a third of a tick's slack
+_SPIN = 0.0002  # s, before and after bytes are due: a sleeper is woken 0.05 to 0.1 ms late, the time of ten bytes
 
 
 class Port(Protocol):
