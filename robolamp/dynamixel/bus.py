@@ -12,7 +12,7 @@ from __future__ import annotations
 import contextlib
 import termios
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -45,10 +45,6 @@ _WRONG_CRC = 3
 _STATUS_BYTES = 11  # a status packet without data: header 4, id, length 2, instruction, ERR, CRC 2
 _updated = Protocol2PacketHandler().updateCRC
 _PORT_ERRORS = (OSError, termios.error)  # SerialException is an OSError; tcflush on a port that went away is not
-
-
-def nothing() -> None:
-    """What there is to do while answers are on their way."""
 
 
 @dataclass(frozen=True)
@@ -184,16 +180,13 @@ class Bus:
         parameters = register.address.to_bytes(2, "little") + _encoded(register, value)
         self._answer(servo, _WRITE, parameters, 0, f"{value} for {_named(register)}")
 
-    def sync_read(
-        self, servos: Sequence[int], address: int, length: int, meanwhile: Callable[[], None] = nothing
-    ) -> dict[int, Status]:
+    def sync_read(self, servos: Sequence[int], address: int, length: int) -> dict[int, Status]:
         """Read the same bytes of several servos with one instruction.
 
         Args:
             servos: Their ids, in the order in which they answer.
             address: Of the first byte.
             length: Bytes a servo.
-            meanwhile: Called while the answers are on their way; must not take longer than they do.
 
         Returns:
             The status packets of those that answered; one that is missing did not (or its bytes were damaged).
@@ -207,7 +200,6 @@ class Bus:
             head = address.to_bytes(2, "little") + length.to_bytes(2, "little")
             self._send(_BROADCAST, _SYNC_READ, head + bytes(servos))
             self._wait(_STATUS_BYTES + length, self._patience)
-            meanwhile()
             while missing:
                 received = self._receive()
                 if received is None:
@@ -219,9 +211,7 @@ class Bus:
                     self._wait(_STATUS_BYTES + length, self._patience)
         return found
 
-    def fast_sync_read(
-        self, servos: Sequence[int], address: int, length: int, meanwhile: Callable[[], None] = nothing
-    ) -> dict[int, Status]:
+    def fast_sync_read(self, servos: Sequence[int], address: int, length: int) -> dict[int, Status]:
         """Read the same bytes of several servos with one instruction that they answer with one packet together.
 
         Each servo adds its block when it has heard the one before it: from the first that is silent on, all are
@@ -231,7 +221,6 @@ class Bus:
             servos: Their ids, in the order of the blocks.
             address: Of the first byte.
             length: Bytes a servo.
-            meanwhile: Called while the answers are on their way; must not take longer than they do.
 
         Returns:
             The blocks that came undamaged.
@@ -244,7 +233,6 @@ class Bus:
             head = address.to_bytes(2, "little") + length.to_bytes(2, "little")
             self._send(_BROADCAST, _FAST_SYNC_READ, head + bytes(servos))
             self._wait(reply.expected, self._patience)
-            meanwhile()
             while not reply.complete:
                 data = self._port.readPort(reply.expected)
                 if data:

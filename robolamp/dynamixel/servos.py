@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.dynamixel.block import LENGTHS, data_address, map_block, places_in_block
-from robolamp.dynamixel.bus import Bus, nothing
+from robolamp.dynamixel.bus import Bus
 from robolamp.dynamixel.registers import COUNTS_PER_TURN, FULL_PWM, RAD_PER_COUNT, WATCHDOG_UNIT, Model, Name, Register
 from robolamp.dynamixel.state import COLUMNS, VOLTAGE, Answer, Layout, Scales, ServoState
 from robolamp.dynamixel.status import Status
@@ -127,14 +127,11 @@ class Servos:
             self.transport = self._quickest(firmware)
         return self.transport
 
-    def read(self, meanwhile: Callable[[], None] = nothing) -> ServoState:
+    def read(self) -> ServoState:
         """Read position, velocity, current, PWM, voltage, temperature, torque and hardware error of all.
 
         A servo that does not answer is asked once more, unless it was silent last time already: a dead servo costs the
         bus's patience once a reading, not twice.
-
-        Args:
-            meanwhile: Called while the first answers are on their way, in the time of about a millisecond.
 
         Raises:
             BusError: The port is gone. A servo that does not answer is a gap, not an error.
@@ -143,9 +140,9 @@ class Servos:
         # Whoever was silent comes last: in a chain of answers it holds up nobody then.
         ids = sorted(self._ids, key=self._silent.__contains__)
         if self.transport is Transport.DIRECT:
-            found = self._direct(ids, meanwhile)
+            found = self._direct(ids)
         else:
-            found = self._mapped([servo for servo in ids if servo not in self._lost], meanwhile)
+            found = self._mapped([servo for servo in ids if servo not in self._lost])
             gone = {servo for servo, answer in found.items() if answer.values[VOLTAGE] == 0}
             self._lost |= gone  # a servo that answers has a supply: it rebooted, and its block reads 0 throughout
             if self._lost:
@@ -282,31 +279,31 @@ class Servos:
                 return way
         return Transport.DIRECT
 
-    def _mapped(self, ids: Sequence[int], meanwhile: Callable[[], None]) -> dict[int, Answer]:
+    def _mapped(self, ids: Sequence[int]) -> dict[int, Answer]:
         """Read health blocks; those that are missing once more, each servo in its own packet."""
         fast = self.transport is Transport.FAST
-        found = self._block_read(ids, fast, meanwhile)
+        found = self._block_read(ids, fast)
         again = [servo for servo in ids if servo not in found and servo not in self._silent]
         late = self._block_read(again, False)
         self._again |= set(again[:1] if fast else again) & set(late)  # one that fails takes those behind it along
         return found | late
 
-    def _block_read(self, ids: Sequence[int], fast: bool, meanwhile: Callable[[], None] = nothing) -> dict[int, Answer]:
+    def _block_read(self, ids: Sequence[int], fast: bool) -> dict[int, Answer]:
         if not ids:
             return {}
         self._turn += 1
         length = LENGTHS[self._turn % len(LENGTHS)]
         read = self._bus.fast_sync_read if fast else self._bus.sync_read
         found: dict[int, Answer] = {}
-        for servo, status in read(ids, self._block, length, meanwhile).items():
+        for servo, status in read(ids, self._block, length).items():
             found[servo] = Answer(status.error, self._block_layout[servo].values(status.data))
         return found
 
-    def _direct(self, ids: Sequence[int], meanwhile: Callable[[], None] = nothing) -> dict[int, Answer]:
+    def _direct(self, ids: Sequence[int]) -> dict[int, Answer]:
         """Read the registers themselves, in two sync reads."""
         self._turn += 1
         longer = self._turn % 2 == 0  # by one byte, as the lengths of the block
-        measured = self._sync_read(ids, STATE[0], STATE[1] + longer, meanwhile)
+        measured = self._sync_read(ids, STATE[0], STATE[1] + longer)
         condition = self._sync_read([servo for servo in ids if servo in measured], *CONDITION)
         found: dict[int, Answer] = {}
         for servo, status in measured.items():
@@ -316,12 +313,10 @@ class Servos:
             found[servo] = Answer(status.error, known)
         return found
 
-    def _sync_read(
-        self, ids: Sequence[int], address: int, length: int, meanwhile: Callable[[], None] = nothing
-    ) -> dict[int, Status]:
+    def _sync_read(self, ids: Sequence[int], address: int, length: int) -> dict[int, Status]:
         if not ids:
             return {}
-        found = self._bus.sync_read(ids, address, length, meanwhile)
+        found = self._bus.sync_read(ids, address, length)
         again = [servo for servo in ids if servo not in found and servo not in self._silent]
         late = self._bus.sync_read(again, address, length) if again else {}
         self._again |= set(late)

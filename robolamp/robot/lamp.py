@@ -154,14 +154,12 @@ class RobotLamp:
     def observe(self) -> Observation:
         """Read servos and foot sensor once; what is missing is a gap, with a fault that names it."""
         faults: list[str] = []
-        felt: list[str] = []
         began = self._clock.now()
         self._silence = max(self._silence, began - self._spoke)  # before this reading feeds the watchdogs again
         try:
-            state = self._ready().read(lambda: felt.extend(self._feel()))  # at the angles' moment, and in time to spare
+            state = self._ready().read()
         except BusError as error:
             state = ServoState.unknown(len(self.joints))
-            felt = self._feel()
             faults.append(f"bus: {error.message}")
         angle = self._frame.joint_angle(state.position)
         present = np.isfinite(angle)
@@ -169,7 +167,7 @@ class RobotLamp:
         if not faults:
             self._spoke = began
             faults = self._amiss(state, present)
-        faults += felt + self._damage()
+        faults += self._feel() + self._damage()
         now = self._clock.now()
         sign = self._frame.sign
         return Observation(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -61,8 +61,8 @@ def test_the_witness_finds_what_is_not_true(matrix: ModuleType, monkeypatch: pyt
     """The judge itself: without the check of goals by the loop, lost goals are not noticed, and the matrix says so."""
     read = Servos.read
 
-    def blind(servos: Servos, *meanwhile: Callable[[], None]) -> ServoState:
-        state = read(servos, *meanwhile)
+    def blind(servos: Servos) -> ServoState:
+        state = read(servos)
         state.goal_lost[:] = False
         state.asked_again[:] = False
         return state
