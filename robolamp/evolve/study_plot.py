@@ -30,6 +30,7 @@ _STYLE: dict[Any, Any] = {
 _SIZE, _DPI = (12.0, 5.2), 100  # 1200 x 520 pixels
 _GOOD = 0.5  # "raw fitness values below 0.5 tended to correspond to good-looking motion" (section 4)
 _ODD = "#d1495b"  # for the one point that is of another kind
+_FAR = 20  # runs that are so many times as long as others would press those against the edge
 _LAST = 0.88  # viridis beyond it is too pale on white
 
 
@@ -46,6 +47,7 @@ def curves_picture(study: Study, found: Mapping[str, Mapping[int, Curve]]) -> by
         figure, axes = _figure(f"{study.title} ({'' if study.equal_steps else 'redraws '}{study.source})", found)
         colours = _colours([name for name in found if found[name]])
         tops: list[float] = []
+        spans: list[tuple[float, float]] = []
         for panel, attribute, title in ((axes[0], "as_run", "as run"), (axes[1], "whole", "again at phase 1")):
             for name, colour in colours.items():
                 runs = list(found[name].values())
@@ -53,10 +55,15 @@ def curves_picture(study: Study, found: Mapping[str, Mapping[int, Curve]]) -> by
                 values = np.stack([getattr(curve, attribute) for curve in runs])
                 _band(panel, individuals, values, colour, name)
                 tops.append(values.max())
+                spans.append((individuals[0], individuals[-1]))
             _fitness_axes(panel, title, "physics steps [M]" if study.equal_steps else "individuals examined")
         # A run that nothing can be made of is scored with a huge number: it must not flatten the others.
         for panel in axes:
             panel.set_ylim(0.0, 1.05 * max(min(max(tops, default=1.0), 3.0), _GOOD))
+            firsts, lasts = zip(*spans, strict=True) if spans else ((0.0,), (0.0,))
+            if max(lasts) > _FAR * min(lasts):
+                panel.set_xscale("log")
+                panel.set_xlim(min(firsts), 1.2 * max(lasts))
         axes[0].set_ylabel("fitness of the best of the generation")
         handles, labels = axes[1].get_legend_handles_labels()
         _legend(figure, study, handles, labels)
