@@ -32,7 +32,8 @@ CORRELATION_TIME = 0.25
 """For how long residuals of a servo resemble each other, at first [s]."""
 
 # delta, in scales: where an arm came to rest elsewhere, the residual stays for seconds. On twelve recordings of
-# a real servo, dealt into three parts in three ways: recordings left out are predicted 5 % better than with 2.
+# a real servo, dealt into three parts in three ways: recordings left out are predicted 5 % better than with 2
+# (by fits begun near one to all: too kind a measure).
 _ROBUST = 0.7
 _FINE = 0.5  # a fit that leaves less than this share of SCALE is done again in what it leaves
 # No servo is known better than to a count, and for neighbouring samples the rounding is alike: without these two, exact
@@ -43,7 +44,7 @@ _ALIKE = 0.02  # [s]
 _SUPPLY = VOLTAGE_UNIT / np.sqrt(12.0)  # [V]
 _DRAWN, _FARTHEST = 256, 2.5  # starts looked at, and how far from a prior's centre in its standard deviations
 # Of finite differences, in standard deviations of the prior. Friction makes the valley's floor rough, and what fine
-# steps find down there predicts recordings left out worse (by 8 %, measured in the same way). They are taken only where
+# steps find down there predicts recordings left out worse (by 8 %, by the same measure). They are taken only where
 # the model explains nearly everything.
 _WIDE, _STEPS = (0.5,), (0.02, 0.1, 0.02, 0.005)
 _ENOUGH = 0.99  # of the objective: what is left after another round that is not worth the next
