@@ -14,8 +14,8 @@ from robolamp.dynamixel.registers import Model, Name
 FIELDS = (
     (Name.PRESENT_PWM, 2),
     (Name.PRESENT_CURRENT, 2),
-    (Name.PRESENT_VELOCITY, 4),
-    (Name.PRESENT_POSITION, 4),
+    (Name.PRESENT_VELOCITY, 2),
+    (Name.PRESENT_POSITION, 2),
     (Name.PRESENT_INPUT_VOLTAGE, 1),
     (Name.PRESENT_TEMPERATURE, 1),
     (Name.TORQUE_ENABLE, 1),
@@ -24,9 +24,10 @@ FIELDS = (
     (Name.REALTIME_TICK, 2),
 )
 """What is in the block, in its order, and how many of each register's low bytes: the XL330 maps 20 in all. One byte
-holds 25.5 V, two hold any goal inside a turn. Where a model has no Present Current(126), Present Load is mapped."""
+holds 25.5 V, two hold any velocity, any goal inside a turn, and a position but for 16 whole turns. Where a model has no
+Present Current(126), Present Load is mapped."""
 
-LENGTHS = (18, 19, 20)
+LENGTHS = (14, 15, 16)
 """Bytes that readings take in turn: an answer that comes after its reading was given up has the wrong length for the
 next one. All of them hold everything up to Goal Position."""
 

@@ -273,7 +273,7 @@ class Bus:
             BusError: The port is gone.
         """
         with self._line():
-            self._send(_BROADCAST, _WRITE, register.address.to_bytes(2, "little") + _encoded(register, value))
+            self._tell(_BROADCAST, _WRITE, register.address.to_bytes(2, "little") + _encoded(register, value))
 
     def sync_write(self, register: Register, values: Mapping[int, int]) -> None:
         """Write one register of several servos, in counts, with one instruction that nobody answers.
@@ -284,7 +284,7 @@ class Bus:
         head = register.address.to_bytes(2, "little") + register.size.to_bytes(2, "little")
         body = b"".join(bytes([servo]) + _encoded(register, value) for servo, value in values.items())
         with self._line():
-            self._send(_BROADCAST, _SYNC_WRITE, head + body)
+            self._tell(_BROADCAST, _SYNC_WRITE, head + body)
 
     def _read(self, servo: int, address: int, length: int, what: str) -> bytes:
         """Return bytes of a control table.
@@ -327,10 +327,15 @@ class Bus:
         return damaged
 
     def _send(self, servo: int, instruction: int, parameters: bytes) -> None:
-        packet = _packet(servo, instruction, parameters)
+        """Send an instruction that is answered."""
         self._port.is_using = False  # rxPacket leaves it so, except where it raised
         self.stray += self._port.getBytesAvailable()
         self._port.clearPort()  # an answer that came too late must not pass for this instruction's
+        self._tell(servo, instruction, parameters)
+
+    def _tell(self, servo: int, instruction: int, parameters: bytes) -> None:
+        """Send an instruction."""
+        packet = _packet(servo, instruction, parameters)
         written = self._port.writePort(packet)
         if written != len(packet):
             raise BusError(f"the port took {written} of {len(packet)} bytes", self.name)

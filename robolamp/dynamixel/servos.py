@@ -103,7 +103,7 @@ class Servos:
         self._silent: set[int] = set()  # ids that did not answer last time
         self._lost: set[int] = set()  # ids whose health block is gone
         self._again: set[int] = set()  # ids that were asked twice in this reading
-        self._sent = np.full(len(self._ids), np.nan)  # goals that the servos should have [counts]
+        self._sent = [math.nan] * len(self._ids)  # goals that the servos should have [counts]
         self._block = 0  # address of the health block
         self._turn = 0  # which of the lengths is next
         self.transport = Transport.DIRECT
@@ -174,7 +174,7 @@ class Servos:
                     self._bus.name,
                 )
             counts[servo] = count
-        self._sent[:] = list(counts.values())
+        self._sent = list[float](counts.values())
         self._bus.sync_write(self._models[0][Name.GOAL_POSITION], counts)
 
     def value(self, index: int, name: Name) -> float:

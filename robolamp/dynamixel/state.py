@@ -33,7 +33,7 @@ UNKNOWN = (math.nan,) * 7 + (-1,) * 2
 VOLTAGE = COLUMNS.index(Name.PRESENT_INPUT_VOLTAGE)
 """Which of them the supply's voltage is."""
 
-_MEASURED, _GOAL, _FLAGS = slice(0, 6), 6, slice(7, 10)  # of COLUMNS and the ERR byte after them
+_MEASURED, _GOAL, _TORQUE, _FLAGS = slice(0, 6), 6, 7, slice(7, 10)  # of COLUMNS and the ERR byte after them
 _CODES = {1: "b", 2: "h", 4: "i"}  # of the struct module, signed
 
 
@@ -54,6 +54,7 @@ class ServoState:
         asked_again: Whether it answered only when asked a second time.
         goal_lost: Whether its torque is on and its Goal Position is not what was sent last; only the health block
             tells.
+        fine: Whether all of them answered when first asked, with a position and Torque Enable, ERR 0, and no goal lost.
     """
 
     position: NDArray[np.float64]
@@ -67,12 +68,13 @@ class ServoState:
     error: NDArray[np.int64]
     asked_again: NDArray[np.bool_]
     goal_lost: NDArray[np.bool_]
+    fine: bool
 
     @classmethod
     def unknown(cls, n: int) -> ServoState:
         """Return the state of n servos of which nothing is known."""
         gaps, flags, no = np.full((6, n), np.nan), np.full((3, n), -1), np.zeros((2, n), np.bool_)
-        return cls(*gaps, *flags, *no)
+        return cls(*gaps, *flags, *no, False)
 
 
 class Answer(NamedTuple):
@@ -126,17 +128,25 @@ class Scales:
         scales = [[model[name].scale if name in model.registers else math.nan for model in models] for name in COLUMNS]
         self._scale = np.array(scales[_MEASURED])
 
-    def state(self, found: Sequence[Answer | None], again: Sequence[bool], sent: NDArray[np.float64]) -> ServoState:
+    def state(self, found: Sequence[Answer | None], again: Sequence[bool], sent: Sequence[float]) -> ServoState:
         """Return what n servos answered, in SI units.
 
         Args:
             found: Their answers; None where there is none.
             again: Whether each was asked twice.
-            sent: The goal that each should have, shape (n,) [counts]; NaN: not known.
+            sent: The goal that each should have [counts]; NaN: not known.
         """
         answers = [answer or _GAP for answer in found]
-        counts = np.array(list(zip(*((*answer.values, answer.error) for answer in answers), strict=True)))
-        flags = counts[_FLAGS].astype(np.int64)
-        lost = (flags[0] == 1) & (np.abs(counts[_GOAL] - sent) > 0)  # NaN is not
+        counts = np.array([(*answer.values, answer.error) for answer in answers]).T
+        lost = [
+            answer.values[_TORQUE] == 1 and abs(answer.values[_GOAL] - goal) > 0  # NaN is not
+            for answer, goal in zip(answers, sent, strict=True)
+        ]
         asked = [twice and answer is not None for twice, answer in zip(again, found, strict=True)]
-        return ServoState(*(counts[_MEASURED] * self._scale), *flags, *np.array([asked, lost]))
+        # In Python: for so few numbers it is quicker.
+        fine = all(
+            answer.error == 0 and answer.values[_TORQUE] >= 0 and math.isfinite(answer.values[0]) for answer in answers
+        ) and not (any(lost) or any(asked))
+        return ServoState(
+            *(counts[_MEASURED] * self._scale), *counts[_FLAGS].astype(np.int64), *np.array([asked, lost]), fine
+        )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import termios
 from typing import Protocol
 
@@ -32,6 +33,22 @@ class ByteSource(Protocol):
     def close(self) -> None:
         """Close it."""
         ...
+
+
+class _Line:
+    """A serial port with a quick way to what has arrived: pyserial asks before and after each read."""
+
+    def __init__(self, port: serial.Serial) -> None:
+        self._port = port
+        self._descriptor: int = port.fileno()
+
+    def read(self, size: int) -> bytes:
+        """Return at most that many received bytes, without waiting."""
+        return os.read(self._descriptor, size) or self._port.read(size)  # nothing: pyserial tells whether it is gone
+
+    def close(self) -> None:
+        """Close it."""
+        self._port.close()
 
 
 class FootSensor:
@@ -83,7 +100,7 @@ class FootSensor:
             raise open_error(self._path, error, "--foot-port, or foot.port in hardware/lamp.toml") from None
         with contextlib.suppress(*_PORT_ERRORS):
             port.reset_input_buffer()
-        self._source = port
+        self._source = _Line(port)
 
     def close(self) -> None:
         """Close the port; may be called twice."""

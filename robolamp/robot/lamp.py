@@ -240,8 +240,7 @@ class RobotLamp:
 
     def _amiss(self, state: ServoState, present: NDArray[np.bool_]) -> list[str]:
         """Return what is wrong with a reading of the servos."""
-        whole = present.all() and (state.torque >= 0).all()
-        if whole and not (state.asked_again.any() or state.goal_lost.any() or state.error.any()):
+        if state.fine:
             self._unknown[:] = 0
             return []
         self._unknown = np.where(present & (state.torque < 0), self._unknown + 1, 0)
