@@ -3,8 +3,9 @@
 One emulated lamp (three XL330, 1 Mbps, replies held back for their time on the wire) in a process of its own; every
 client in turn, round after round, reads the three servos and sends them goals, ticks back to back. First the clients
 that read all that robolamp's tick reads (position, velocity, current, duty, voltage, temperature, torque, error), by
-whatever calls each has for it; then, apart, those that read positions alone. Medians; ratios are medians of the ratios
-in each round. "CPU" is the client's own time on the processor.
+whatever calls each has for it; then, apart, those that read positions alone. dynamixel-sdk and rustypot read all of it
+in two ways: from where the registers are, and from the health block that robolamp has mapped, which by themselves they
+do not map. Medians; ratios are medians of the ratios in each round. "CPU" is the client's own time on the processor.
 
 lerobot asks for torch, which its bus does not need: `pip install --no-deps lerobot "deepdiff<9" orderly-set tqdm`.
 """
@@ -31,7 +32,7 @@ from robolamp.assets import Assets
 from robolamp.dynamixel.block import LENGTHS
 from robolamp.dynamixel.bus import Bus
 from robolamp.dynamixel.registers import MODELS, RAD_PER_COUNT
-from robolamp.dynamixel.servos import Servos
+from robolamp.dynamixel.servos import CONDITION, STATE, Servos
 from robolamp.errors import RobolampError
 from robolamp.lamp import load_lamp
 from robolamp.robot.lamp import RobotLamp
@@ -41,6 +42,8 @@ from robolamp.signals import Command
 IDS = [1, 2, 3]
 BAUD = 1_000_000
 BLOCK = (208, LENGTHS[0])  # where robolamp has mapped its health block, which peers then may read too
+SPANS = (STATE, CONDITION)  # where the same registers are in the control table
+SIZES = [size for _, size in SPANS]  # bytes
 CENTRE = 2048  # counts
 OPENINGS = 5  # how often a client may try to open: on a busy machine servos answer late
 SYNC_READ, SYNC_WRITE = 10 + 4 + len(IDS), 10 + 4 + 5 * len(IDS)  # bytes of the instructions (e-manual, protocol 2.0)
@@ -97,23 +100,25 @@ def bus_alone(port: str, _: str) -> Iterator[Tick]:
 
 
 @contextlib.contextmanager
-def plain_sdk(port: str, start: int, length: int) -> Iterator[Tick]:
+def plain_sdk(port: str, *spans: tuple[int, int]) -> Iterator[Tick]:
     from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHandler, PortHandler
 
     handler, packets = PortHandler(port), PacketHandler(2.0)
     handler.openPort()
     handler.setBaudRate(BAUD)
-    read, write = GroupSyncRead(handler, packets, start, length), GroupSyncWrite(handler, packets, 116, 4)
+    reads = [GroupSyncRead(handler, packets, *span) for span in spans]
+    write = GroupSyncWrite(handler, packets, 116, 4)
     for servo in IDS:
-        read.addParam(servo)
+        for read in reads:
+            read.addParam(servo)
 
     def tick() -> bool:
-        result = read.txRxPacket()
+        results = [read.txRxPacket() for read in reads]
         write.clearParam()
         for servo in IDS:
             write.addParam(servo, list(CENTRE.to_bytes(4, "little")))
         write.txPacket()
-        return result == COMM_SUCCESS
+        return all(result == COMM_SUCCESS for result in results)
 
     yield tick
     handler.closePort()
@@ -145,15 +150,15 @@ def easy_sdk(port: str, _: str) -> Iterator[Tick]:
 
 
 @contextlib.contextmanager
-def rusty(port: str, start: int, length: int) -> Iterator[Tick]:
+def rusty(port: str, *spans: tuple[int, int]) -> Iterator[Tick]:
     import rustypot
 
     client = rustypot.Xl330PyController(port, BAUD, 0.2)
 
     def tick() -> bool:
-        answers = client.sync_read_raw_data(IDS, start, length)
+        answers = [client.sync_read_raw_data(IDS, *span) for span in spans]
         client.sync_write_raw_goal_position(IDS, [CENTRE] * len(IDS))
-        return len(answers) == len(IDS)
+        return all(len(answer) == len(IDS) for answer in answers)
 
     yield tick  # it closes its port when nothing holds it any more
 
@@ -214,10 +219,12 @@ FAST = SYNC_READ + 8 + len(IDS) * (4 + sum(LENGTHS) / len(LENGTHS)) + SYNC_WRITE
 CLIENTS = (
     Client("robolamp", WHOLE, FAST, robolamp),
     Client("robolamp's bus alone", WHOLE, FAST, bus_alone),
-    Client("dynamixel-sdk, group reads", WHOLE, sync_bytes(BLOCK[1]), lambda port, _: plain_sdk(port, *BLOCK)),
-    Client("dynamixel-sdk, group reads", POSITION, sync_bytes(4), lambda port, _: plain_sdk(port, 132, 4)),
-    Client("rustypot", WHOLE, sync_bytes(BLOCK[1]), lambda port, _: rusty(port, *BLOCK)),
-    Client("rustypot", POSITION, sync_bytes(4), lambda port, _: rusty(port, 132, 4)),
+    Client("dynamixel-sdk, group reads", WHOLE, sync_bytes(*SIZES), lambda port, _: plain_sdk(port, *SPANS)),
+    Client("dynamixel-sdk, robolamp's block", WHOLE, sync_bytes(BLOCK[1]), lambda port, _: plain_sdk(port, BLOCK)),
+    Client("dynamixel-sdk, group reads", POSITION, sync_bytes(4), lambda port, _: plain_sdk(port, (132, 4))),
+    Client("rustypot", WHOLE, sync_bytes(*SIZES), lambda port, _: rusty(port, *SPANS)),
+    Client("rustypot, robolamp's block", WHOLE, sync_bytes(BLOCK[1]), lambda port, _: rusty(port, BLOCK)),
+    Client("rustypot", POSITION, sync_bytes(4), lambda port, _: rusty(port, (132, 4))),
     Client("dynamixel_easy_sdk", POSITION, sync_bytes(4), easy_sdk),
     Client("dynamixel-python", POSITION, sync_bytes(4), python),
     Client("lerobot", WHOLE, sync_bytes(*NAMES.values()), lambda port, _: lerobot(port, tuple(NAMES))),
