@@ -1,8 +1,8 @@
 """Fitting one servo to recordings of a pendulum bench: the ladder climbed, the rest told in words.
 
-The ladder is climbed as long as the error falls on recordings that the fit did not see: the recordings are dealt into
-parts, each part is predicted by a fit to the others, which climbs by itself: begun near a fit to all, it would stay
-near what that one has seen.
+The ladder is climbed as long as the error falls on recordings that the fit did not see, and those above do without a
+rung that does not lower it. The recordings are dealt into parts, each part is predicted by a fit to the others, which
+climbs by itself: begun near a fit to all, it would stay near what that one has seen.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ IDENTIFIED = 0.6
 
 _PARTS = 3  # the recordings are dealt into
 _GAIN = 0.99  # a rung is worth it when it lowers the error left out by a hundredth
-_PATIENCE = 2  # rungs without gain after which nobody climbs on
+_PATIENCE = 2  # rungs in a row without gain after which nobody climbs on
 _SCATTER = 0.4  # of starts around the best guess, in standard deviations of the priors
 
 
 @dataclass(frozen=True)
 class Climbed:
-    """What one rung brought, with all below it.
+    """What one rung brought, with those below it that were kept.
 
     Attributes:
         rung: The rung.
-        kept: Whether the fit went so far.
+        kept: Whether the fit has its parameters.
         mae: Mean absolute error on the recordings fitted to [rad].
         left_out_mae: On recordings left out [rad]; NaN where none could be.
     """
@@ -165,24 +165,29 @@ def fit_servo(
     ]  # fmt: skip
     search = _Search(pendulum, centre, used, parts, rng, starts)
     climbed: list[_Step] = []
-    for rung in LADDER:
-        below = climbed[-1].solution if climbed else None
-        names_below = below.chart.names if below is not None else ()
-        solution = search.fit([*names_below, *rung.parameters], below, used, starts)
+    kept: list[int] = []
+    for number, rung in enumerate(LADDER):
+        on = climbed[kept[-1]] if kept else None
+        below = on.solution if on else None
+        names_below = below.chart.names if below else ()
+        solution = search.fit(list(dict.fromkeys([*names_below, *rung.parameters])), below, used, starts)
         mae = float(search.mae(solution, used).mean())
-        others = search.others(solution, climbed[-1].others if climbed else None)
-        climbed.append(_Step(rung, solution, mae, search.left_out(others), others))
-        said = f", left out {climbed[-1].unseen * 1e3:.1f} mrad" if parts else ""
-        told(f"{rung.name}: {mae * 1e3:.1f} mrad{said}")
-        if len(climbed) - 1 - _top(climbed, centre) >= _PATIENCE:
+        others = search.others(solution, on.others if on else None)
+        step = _Step(rung, solution, mae, search.left_out(others), others)
+        climbed.append(step)
+        if on is None or _worth(step, on, centre):
+            kept.append(number)
+        judged = f", left out {step.unseen * 1e3:.1f} mrad" if parts else ""
+        told(f"{rung.name}: {mae * 1e3:.1f} mrad{judged}{'' if kept[-1] == number else ', not kept'}")
+        if parts and number - kept[-1] >= _PATIENCE:
             break
-    top = _top(climbed, centre)
-    ladder = [Climbed(step.rung, index <= top, step.mae, step.unseen) for index, step in enumerate(climbed)]
-    found = climbed[top].solution
-    told(f"kept up to: {ladder[top].rung.name}; once more from {2 * starts} starts")
+    top = climbed[kept[-1]]
+    ladder = [Climbed(step.rung, number in kept, step.mae, step.unseen) for number, step in enumerate(climbed)]
+    told(f"once more with what was kept, from {2 * starts} starts")
+    found = top.solution
     found = search.again(found, used)
     found, held = _settled(search, found, used, dropped([recordings[index] for index in used]))
-    unseen = search.left_out(search.others(found, climbed[top].others, held, again=True))
+    unseen = search.left_out(search.others(found, top.others, held, again=True))
     return ServoFit(
         servo=servo,
         base=base,
@@ -314,14 +319,12 @@ def _settled(search: _Search, solution: Solution, which: Sequence[int], dropped:
     return Solution(chart, np.clip(z, chart.low, chart.high), held.objective, solution.covariance), untold
 
 
-def _top(climbed: Sequence[_Step], centre: dict[str, float]) -> int:
-    """Return the rung to stop at: the least error left out, or, where none could be, the last that the base has on."""
-    unseen = np.array([step.unseen for step in climbed])
-    if np.isfinite(unseen).all():
-        best = int(np.argmin(unseen))
-        return int(np.flatnonzero(unseen <= unseen[best] / _GAIN)[0])  # as few terms as are as good
+def _worth(step: _Step, on: _Step, centre: dict[str, float]) -> bool:
+    """Whether a step lowers the error left out; where none could be left out: whether the base has its terms on."""
+    if np.isfinite(step.unseen):
+        return step.unseen <= _GAIN * on.unseen
     off = switched_off(centre)
-    return max(i for i, step in enumerate(climbed) if i == 0 or any(centre[n] != off[n] for n in step.rung.parameters))
+    return any(centre[name] != off[name] for name in step.rung.parameters)
 
 
 def _deal(recordings: Sequence[Recording], used: Sequence[int]) -> list[list[int]]:

@@ -57,7 +57,7 @@ class Rung:
 
     Attributes:
         name: What is added.
-        parameters: The parameters it frees beside those below.
+        parameters: The parameters it frees beside those of the rungs that are kept; some may be free already.
     """
 
     name: str
@@ -72,7 +72,7 @@ LADDER = (
     Rung("friction grows with load", ("load_motor", "load_external")),
     Rung("the motor saturates", ("saturation",)),
     Rung("Stribeck", ("stribeck", "stribeck_velocity")),
-    Rung("Stribeck grows with load", ("load_external_stribeck", "load_motor_stribeck")),
+    Rung("Stribeck grows with load", ("load_external_stribeck", "load_motor_stribeck", "stribeck_velocity")),
     Rung("the supply sags", ("supply_resistance",)),
     Rung("temperature", ("resistance_temperature", "viscous_temperature")),
     Rung("direction", ("asymmetry",)),

@@ -76,12 +76,11 @@ def overlay(tracks: Sequence[Track], title: str) -> str:
         return svg(figure, title)
 
 
-def ladder(rungs: Sequence[tuple[str, float, float]], taken: str) -> str:
+def ladder(rungs: Sequence[tuple[str, float, float, bool]]) -> str:
     """Return the errors of each rung of a model ladder, fitted and held out.
 
     Args:
-        rungs: Name, error on recordings fitted to, error on recordings left out [rad].
-        taken: Name of the rung that was taken.
+        rungs: Name, error on recordings fitted to, error on recordings left out [rad], whether it was kept.
     """
     with rc_context(STYLE):
         height = 0.38 * len(rungs) + 0.75
@@ -89,13 +88,12 @@ def ladder(rungs: Sequence[tuple[str, float, float]], taken: str) -> str:
         figure.subplots_adjust(2.4 / _WIDTH, 0.46 / height, 1 - 0.3 / _WIDTH, 1 - 0.10 / height)
         axes = figure.subplots()
         rows = np.arange(len(rungs))[::-1]
-        axes.barh(rows, [left_out * 1e3 for _, _, left_out in rungs], height=0.62, color=TWIN, alpha=0.85)
-        axes.plot([fitted * 1e3 for _, fitted, _ in rungs], rows, "|", color=INK, markersize=11, markeredgewidth=1.6)
-        axes.set_yticks(rows, [f"{name}  ◂ taken" if name == taken else name for name, _, _ in rungs])
-        for row, (_, _, left_out) in zip(rows, rungs, strict=True):
-            axes.annotate(
-                f"{left_out * 1e3:.1f}", (left_out * 1e3, row), (4, 0), textcoords="offset points", va="center"
-            )
+        axes.barh(rows, [left_out * 1e3 for _, _, left_out, _ in rungs], height=0.62, color=TWIN, alpha=0.85)
+        axes.plot([fitted * 1e3 for _, fitted, _, _ in rungs], rows, "|", color=INK, markersize=11, markeredgewidth=1.6)
+        axes.set_yticks(rows, [name if kept else f"({name})" for name, _, _, kept in rungs])
+        for row, (_, fitted, left_out, _) in zip(rows, rungs, strict=True):
+            shown = left_out if np.isfinite(left_out) else fitted  # with too few recordings none is left out
+            axes.annotate(f"{shown * 1e3:.1f}", (shown * 1e3, row), (4, 0), textcoords="offset points", va="center")
         axes.grid(visible=False, axis="y")
         axes.set_xlabel("mean absolute error [mrad]: bar left out, tick fitted to")
         return svg(figure, "Errors of each rung of the model ladder")

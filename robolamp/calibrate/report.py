@@ -149,12 +149,13 @@ def _ladder(provenance: Mapping[str, Any]) -> str:
     rungs = provenance.get("ladder", [])
     if not rungs:
         return ""
-    drawn = plots.ladder(
-        [(str(r["name"]), float(r["mae"]), float(r["left_out_mae"])) for r in rungs], str(provenance.get("rung", ""))
-    )
+    drawn = plots.ladder([
+        (str(r["name"]), float(r["mae"]), float(r.get("left_out_mae", math.nan)), bool(r["kept"])) for r in rungs
+    ])  # fmt: skip
     return (
-        "<section><h2>The ladder of models</h2><p class='note'>Each rung adds a term. It was climbed while the error "
-        f"on recordings left out fell.</p><figure>{drawn}</figure></section>"
+        "<section><h2>The ladder of models</h2><p class='note'>Each rung adds a term to those below. One that did not "
+        "lower the error on recordings left out was not kept (in brackets), and the rungs above do without it.</p>"
+        f"<figure>{drawn}</figure></section>"
     )
 
 

@@ -95,7 +95,6 @@ def _provenance(fit: ServoFit, by: str, date: str) -> Table:
     table.add("mae", _rounded(float(fit.mae.mean())))
     if math.isfinite(fit.left_out_mae):
         table.add("left_out_mae", _rounded(fit.left_out_mae))
-    table.add("rung", [each.rung.name for each in fit.ladder if each.kept][-1])
     table.add("findings", _lines(advice(fit)))
     ladder = tomlkit.array().multiline(True)
     for each in fit.ladder:
