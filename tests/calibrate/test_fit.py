@@ -110,6 +110,25 @@ def test_fit_and_score_from_the_command_line(bench: Path, tmp_path: Path, capsys
     assert "mean of 3 recordings" in capsys.readouterr().out
 
 
+def test_with_too_few_recordings_the_ladder_is_that_of_the_base_and_the_report_is_made(
+    bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, page = tmp_path / "mine.toml", tmp_path / "mine.html"
+    recordings = (bench / "a-steps.csv", bench / "b-drop.csv")
+    assert run("calibrate", "fit", *recordings, "-o", file, "--starts", "1") == 0
+    assert "the error on unseen ones is not known" in capsys.readouterr().out
+    ladder = load_calibration(Assets(), file).provenance["ladder"]
+    assert [row["name"] for row in ladder if row["kept"]] == [
+        "Coulomb and viscous friction",
+        "friction grows with load",
+        "Stribeck",
+        "Stribeck grows with load",
+    ]
+    assert not any("left_out_mae" in row for row in ladder)
+    assert run("calibrate", "report", file, *recordings, "-o", page) == 0
+    assert "(the motor saturates)" in page.read_text()
+
+
 @pytest.mark.parametrize("verb", ["fit", "score"])
 def test_unfit_recordings_are_named_and_nothing_is_written(
     verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
