@@ -45,8 +45,8 @@ _SUPPLY = VOLTAGE_UNIT / np.sqrt(12.0)  # [V]
 _DRAWN, _FARTHEST = 256, 2.5  # starts looked at, and how far from a prior's centre in its standard deviations
 # Of finite differences, in standard deviations of the prior. Friction makes the valley's floor rough, and what fine
 # steps find down there predicts recordings left out worse: each of twelve of a real servo, predicted by a fit from
-# draws to the others, is missed by 24.9 mrad with 1 (six seeds), 27.5 with 0.5 (three). Fine steps are for where the model
-# explains nearly everything: 0.5 finds out whether it can.
+# draws to the others, is missed by 24.9 mrad with 1 (six seeds), 27.5 with 0.5 (three). Fine steps are for where the
+# model explains nearly everything: 0.5 finds out whether it can.
 _WIDE, _NARROW, _STEPS = (1.0,), (0.5,), (0.02, 0.1, 0.02, 0.005)
 _ENOUGH = 0.99  # of the objective: what is left after another round that is not worth the next
 
