@@ -74,7 +74,7 @@ class ServoState:
     def unknown(cls, n: int) -> ServoState:
         """Return the state of n servos of which nothing is known."""
         gaps, flags, no = np.full((6, n), np.nan), np.full((3, n), -1), np.zeros((2, n), np.bool_)
-        return cls(*gaps, *flags, *no, False)
+        return cls(*gaps, *flags, *no, fine=False)
 
 
 class Answer(NamedTuple):
@@ -148,5 +148,5 @@ class Scales:
             answer.error == 0 and answer.values[_TORQUE] >= 0 and math.isfinite(answer.values[0]) for answer in answers
         ) and not (any(lost) or any(asked))
         return ServoState(
-            *(counts[_MEASURED] * self._scale), *counts[_FLAGS].astype(np.int64), *np.array([asked, lost]), fine
+            *(counts[_MEASURED] * self._scale), *counts[_FLAGS].astype(np.int64), *np.array([asked, lost]), fine=fine
         )
