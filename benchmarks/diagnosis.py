@@ -34,6 +34,7 @@ from robolamp.emulator.reality import Reality
 from robolamp.lamp import load_lamp
 from robolamp.log.context import run_context
 from robolamp.log.reader import read_run
+from robolamp.log.schemas import ANSWER_WIRE
 from robolamp.log.writer import LogWriter
 from robolamp.robot.lamp import RobotLamp
 from robolamp.runtime.loop import run
@@ -89,6 +90,7 @@ def record(reality: Reality, path: Path) -> None:
         control_period=controller.control_period,
     )  # fmt: skip
     robot.open()
+    context[ANSWER_WIRE] = repr(robot.answer_wire_time)
     with LogWriter(path, context=context, joints=lamp.names, epoch=0, lossless=True) as log:
         run(robot, pilot, lamp, period=controller.control_period, duration=DURATION, on_tick=log.tick)
     robot.close()

@@ -22,6 +22,7 @@ from robolamp.files import alone, sha256
 from robolamp.foot.sensor import ByteSource
 from robolamp.lamp import Lamp
 from robolamp.log.context import run_context
+from robolamp.log.schemas import ANSWER_WIRE
 from robolamp.log.writer import LogWriter
 from robolamp.robot.lamp import RobotLamp
 from robolamp.runtime.loop import run
@@ -225,6 +226,7 @@ def _play(
     context["position_p_gain"] = " ".join(str(joint.position_p_gain) for joint in lamp.joints)
     try:
         robot.open()
+        context[ANSWER_WIRE] = repr(robot.answer_wire_time)
         virtual = ports.epoch is not None
         with LogWriter(path, context=context, joints=lamp.names, epoch=ports.epoch, lossless=virtual) as log:
 

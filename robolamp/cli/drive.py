@@ -17,6 +17,7 @@ from robolamp.dynamixel.bus import PATIENCE, Port
 from robolamp.errors import FileError
 from robolamp.foot.sensor import ByteSource
 from robolamp.log.context import run_context
+from robolamp.log.schemas import ANSWER_WIRE
 from robolamp.log.writer import LogWriter
 from robolamp.robot.lamp import RobotLamp
 from robolamp.robot.shadow import ShadowLamp
@@ -123,6 +124,7 @@ def drive(
         context |= {"stage": stage.name, "duty_limit": repr(stage.duty), "slew_share": repr(stage.slew)}
     try:
         robot.open()
+        context[ANSWER_WIRE] = repr(robot.answer_wire_time)
         with (
             LogWriter(plan.log, context=context, joints=lamp.names, epoch=epoch, lossless=bool(virtual)) as log,
             StopKeys() as keys,

@@ -29,8 +29,8 @@ ENCODER_STEP = 2 * math.pi / 4096
 """Of a servo's angle and goal [rad] (e-manual XL330-M288-T, "Present Position")."""
 NU = 3.0
 """Degrees of freedom: heavy tails, as `scipy.stats.t` has them."""
-SCALES = {"angle": 0.001, "current": 0.010, "force": 0.05, "voltage": 0.05}
-"""What two readings of one thing may differ by [rad, A, N, V]: a little over each sensor's step."""
+SCALES = {"angle": 0.001, "current": 0.010, "force": 0.05, "voltage": 0.05, "answer": 0.001}
+"""What two readings of one thing may differ by [rad, A, N, V, s]: a little over each sensor's step; a USB frame."""
 BEFORE = 0.3
 """How much of standing before the controller's first tick is looked at [s]."""
 AFTER = 2.2
@@ -45,7 +45,8 @@ class Readings:
 
     Attributes:
         rows: Ticks of the stretch, shape (N,).
-        value: Readings, whitened: angles, currents, forces, voltages, shape (K,); NaN where missing.
+        value: Readings, whitened: angles, currents, forces, voltages, the time that answers take beyond that of their
+            packets, shape (K,); NaN where missing.
         scale: What each was divided by, shape (K,).
         parts: Where each kind of reading is in `value`.
     """
@@ -79,6 +80,11 @@ class Evidence:
     def enough(self) -> bool:
         """Whether there is enough to tell anything from."""
         return self.rows.size >= MIN_TICKS
+
+    @property
+    def held_up(self) -> float:
+        """Time that answers take beyond that of their packets, median [s]; NaN where the log does not say."""
+        return float(np.median(self.run.read_done - self.run.began)) - self.run.answer_wire
 
     def predict(self, changes: Sequence[Change]) -> list[Array]:
         """Return what twins with these changes would have read, whitened, shape (K,) each.
@@ -140,6 +146,7 @@ class Evidence:
         predicted[parts["current"]] = held.ravel()
         predicted[parts["force"]] = force
         predicted[parts["voltage"]] = np.repeat(volts, n)
+        predicted[parts["answer"]] = change.asked
         return predicted / self.readings.scale
 
 
@@ -180,6 +187,7 @@ def _readings(run: Run, rows: NDArray[np.int64]) -> Readings:
         "current": run.current[rows].ravel(),
         "force": run.foot_force[rows],
         "voltage": run.voltage.ravel(),  # of the whole log: a supply that drains takes its time
+        "answer": (run.read_done - run.began)[rows] - run.answer_wire,
     }
     parts, begin = {}, 0
     for name, value in values.items():

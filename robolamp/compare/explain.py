@@ -152,13 +152,14 @@ def survey(evidence: Evidence, every: list[Knob]) -> dict[str, list[Trial]]:
         every: The knobs.
     """
     value = evidence.readings.value
-    changes = [Change(), *(knob.change(size) for knob in every for size in knob.about.trials)]
+    trials = {knob: _trials(knob, evidence) for knob in every}
+    changes = [Change(), *(knob.change(size) for knob in every for size in trials[knob])]
     predicted = iter(evidence.predict(changes))
     seen = next(predicted)
     base = Trial(0.0, seen, disagreement(value, seen))
     tried = {knob.name: [base] for knob in every}
     for knob in every:
-        for size in knob.about.trials:
+        for size in trials[knob]:
             seen = next(predicted)
             tried[knob.name].append(Trial(size, seen, disagreement(value, seen)))
     chosen = every
@@ -168,6 +169,12 @@ def survey(evidence: Evidence, every: list[Knob]) -> dict[str, list[Trial]]:
             tried[knob.name].append(Trial(size, seen, disagreement(value, seen)))
         chosen = sorted(every, key=lambda knob: _best(tried[knob.name]).cost)[:CONTENDERS]
     return tried
+
+
+def _trials(knob: Knob, evidence: Evidence) -> tuple[float, ...]:
+    """Return the sizes that are tried first: of a slow line also what the answers say, which hops may hide."""
+    told = knob.kind == "latency" and evidence.held_up >= knob.about.worth
+    return (*knob.about.trials, knob.within(evidence.held_up)) if told else knob.about.trials
 
 
 def _best(tried: list[Trial]) -> Trial:

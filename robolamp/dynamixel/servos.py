@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from robolamp.dynamixel.block import LENGTHS, data_address, map_block, places_in_block
 from robolamp.dynamixel.bus import Bus
+from robolamp.dynamixel.fast import FastReply
 from robolamp.dynamixel.registers import COUNTS_PER_TURN, FULL_PWM, RAD_PER_COUNT, WATCHDOG_UNIT, Model, Name, Register
 from robolamp.dynamixel.state import COLUMNS, VOLTAGE, Answer, Layout, Scales, ServoState
 from robolamp.dynamixel.status import Status
@@ -56,8 +57,24 @@ def tick_wire_time(n: int, baud: int) -> float:
         n: How many servos.
         baud: Of the line [1/s].
     """
-    reads = sum(10 + 4 + n + n * (11 + length) for _, length in (STATE, CONDITION))
-    return reads * 10.0 / baud + goals_wire_time(n, baud)
+    return answer_wire_time(Transport.DIRECT, n, baud) + goals_wire_time(n, baud)
+
+
+def answer_wire_time(transport: Transport, n: int, baud: int) -> float:
+    """Return how long a reading's questions and answers are on the line [s], without pauses.
+
+    Args:
+        transport: How it is made; of the health block's lengths the mean counts.
+        n: How many servos it asks.
+        baud: Of the line [1/s].
+    """
+    block = sum(LENGTHS) / len(LENGTHS)
+    count = {
+        Transport.FAST: 10 + 4 + n + FastReply.HEAD + n * (FastReply.block(0) + block),
+        Transport.BLOCK: 10 + 4 + n + n * (11 + block),  # as in `tick_wire_time`
+        Transport.DIRECT: sum(10 + 4 + n + n * (11 + length) for _, length in (STATE, CONDITION)),
+    }
+    return count[transport] * 10.0 / baud
 
 
 def goals_wire_time(n: int, baud: int) -> float:

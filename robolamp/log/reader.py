@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from robolamp.errors import FileError
 from robolamp.log.cdr import Rows
 from robolamp.log.schemas import (
+    ANSWER_WIRE,
     EVENT,
     JOINT_STATE,
     LAMP_PREFIX,
@@ -116,6 +117,14 @@ class Run:
         """Where the lamp was sent [m]; NaN where the log does not say."""
         try:
             return float(self.context["goal_m"])
+        except (KeyError, ValueError):
+            return math.nan
+
+    @property
+    def answer_wire(self) -> float:
+        """How long a reading's packets are on the line [s]; NaN where the log does not say."""
+        try:
+            return float(self.context[ANSWER_WIRE])
         except (KeyError, ValueError):
             return math.nan
 

@@ -90,6 +90,9 @@ TRUTH_BASE_TOPIC = "/truth/base"
 METADATA = "robolamp"
 """Name of the metadata record that holds the run's context."""
 
+ANSWER_WIRE = "answer_wire_s"
+"""Where the context keeps how long a reading's packets are on the line [s]; known once the lamp is open."""
+
 LAMP_PREFIX = "/lamp"
 TWIN_PREFIX = "/twin"
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.dynamixel.bus import PATIENCE, Bus, Port
-from robolamp.dynamixel.servos import Servos, request_wire_time
+from robolamp.dynamixel.servos import Servos, answer_wire_time, request_wire_time
 from robolamp.dynamixel.state import ServoState
 from robolamp.errors import BusError, SafetyError
 from robolamp.foot.sensor import ByteSource, FootSensor
@@ -92,6 +92,13 @@ class RobotLamp:
     def transport(self) -> str:
         """How a tick's reading is made, in words; empty before `open`."""
         return "" if self._servos is None else str(self._servos.transport)
+
+    @property
+    def answer_wire_time(self) -> float:
+        """How long a tick's questions and answers are on the line [s]; NaN before `open`."""
+        if self._servos is None:
+            return math.nan
+        return answer_wire_time(self._servos.transport, len(self.joints), self._lamp.bus_baud)
 
     @property
     def clock(self) -> Clock:

@@ -11,6 +11,7 @@ from robolamp.emulator.lockstep import Lockstep
 from robolamp.emulator.reality import Reality
 from robolamp.emulator.truth import TruthLog
 from robolamp.log.context import run_context
+from robolamp.log.schemas import ANSWER_WIRE
 from robolamp.log.writer import LogWriter
 from robolamp.robot.lamp import RobotLamp
 from robolamp.runtime.loop import run
@@ -39,6 +40,7 @@ def hop(path: Path, reality: Reality, *, goal: float = 0.30, name: str = "hop", 
     path.parent.mkdir(parents=True, exist_ok=True)
     truth = TruthLog(path.with_name("truth.mcap"), world, 0.0, {}, epoch=epoch)
     robot.open()
+    context[ANSWER_WIRE] = repr(robot.answer_wire_time)
     with LogWriter(path, context=context, joints=LAMP.names, epoch=epoch, lossless=True) as log:
         run(robot, pilot, LAMP, period=controller.control_period, duration=3.0, on_tick=log.tick)
     robot.close()

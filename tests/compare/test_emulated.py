@@ -57,6 +57,11 @@ def test_nothing_is_named_on_a_lamp_that_nothing_bends(straight):
     assert explain(Evidence(read_run(straight), LAMP, CALIBRATION, ASSETS), LAMP) == []
 
 
+def test_a_log_says_how_long_answers_are_on_the_wire(straight):
+    run = read_run(straight)
+    assert run.answer_wire == pytest.approx(float(np.mean(run.read_done - run.began)), abs=5e-6)
+
+
 def test_a_noisy_encoder_is_named_first_with_its_size(tmp_path):
     noisy = replace(NONE, encoder_noise=np.array([0.0, 0.0, 0.0015]), seed=1)
     log = hop(tmp_path / "log.mcap", noisy)
@@ -65,11 +70,12 @@ def test_a_noisy_encoder_is_named_first_with_its_size(tmp_path):
     assert first.size == pytest.approx(0.0015, rel=0.4)
 
 
-def test_a_line_that_holds_everything_up_is_named_first_with_its_size(tmp_path):
-    log = hop(tmp_path / "log.mcap", replace(NONE, latency=0.0015))
+@pytest.mark.parametrize("latency", [0.001, 0.0015])
+def test_a_line_that_holds_everything_up_is_named_first_with_its_size(latency, tmp_path):
+    log = hop(tmp_path / "log.mcap", replace(NONE, latency=latency))
     first = explain(Evidence(read_run(log), LAMP, CALIBRATION, ASSETS), LAMP)[0]
     assert first.name == "latency"
-    assert first.size == pytest.approx(0.0015, rel=0.25)
+    assert first.size == pytest.approx(latency, rel=0.25)
 
 
 def test_a_weak_knee_in_the_emulator_is_named_first_with_its_size(weak, tmp_path, capsys):
