@@ -191,7 +191,7 @@ class Servos:
                     self._bus.name,
                 )
             counts[servo] = count
-        self._sent = list[float](counts.values())
+        self._sent = [*counts.values()]
         self._bus.sync_write(self._models[0][Name.GOAL_POSITION], counts)
 
     def value(self, index: int, name: Name) -> float:
