@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from mujoco.batch import Batch
-from numba import njit
+from robolamp.jit import njit
 from numpy.typing import NDArray
 
 from robolamp.calibrate.pendulum import (
@@ -183,7 +183,7 @@ _K, _RESISTANCE, _VISCOUS, _DIVISOR, _DELAY, _WARM_R, _WARM_B, _SATURATION, _SUP
 )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _drive(
     time: float,
     timestep: float,

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numba import njit
+from robolamp.jit import njit
 from numpy.typing import NDArray
 
 from robolamp.calibrate.recordings import COUNTS_PER_RADIAN, FULL_DUTY, Recording
@@ -192,7 +192,7 @@ def require_pendulum(recordings: Sequence[Recording]) -> None:
 )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def goal_of_step(times: Array, goals: Array, at: int, begin: float, end: float) -> tuple[float, int]:
     """Return the mean goal of a step, each goal counted for its share, and the goal in force at the end.
 
@@ -211,7 +211,7 @@ def goal_of_step(times: Array, goals: Array, at: int, begin: float, end: float) 
     return (mean + goals[at] * (end - last)) / (end - begin), at
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _swing(
     p: Array,
     mass: float,

@@ -1,4 +1,4 @@
-"""Where the process begins: Ctrl-C while the command line is still being loaded ends it quietly, too."""
+"""Where the process begins, whatever surrounds it: closed streams, no home, Ctrl-C while it is still loading."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ import os
 import signal
 import sys
 from types import FrameType
+
+from robolamp.caches import settle_matplotlib
+from robolamp.cli.streams import settle_streams
 
 _NO_DISPLAY = "0"
 """MUJOCO_GL unless it is given. Else MuJoCo asks glfw for a display as it loads, in a process that Ctrl-C hits, too;
@@ -17,6 +20,8 @@ _INTERRUPTED = 130  # as a shell reports a process that SIGINT ended
 def main() -> None:
     """Run the command line and exit the process with its code."""
     signal.signal(signal.SIGINT, _interrupt)
+    settle_streams()
+    settle_matplotlib()
     if sys.platform == "linux" and not os.environ.get("MUJOCO_GL"):
         os.environ["MUJOCO_GL"] = _NO_DISPLAY
     try:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import re
 import sys
 
 from cyclopts import App, CycloptsError
 
 from robolamp import __version__
+from robolamp.cli.streams import let_go_of_output
 from robolamp.errors import RobolampError
 
 app = App(
@@ -91,9 +91,11 @@ def main(arguments: list[str] | None = None) -> None:
         code = 130
     except BrokenPipeError:  # nobody reads any more, as behind `| head`
         code = _BROKEN_PIPE
+    except SystemExit as end:  # rich ends the process over a broken pipe, with the code of a run that went wrong
+        code = _BROKEN_PIPE if isinstance(end.__context__, BrokenPipeError) else end.code
     except OSError as error:  # one that nothing below has put into words of its own
         code = _fail(error.strerror or str(error), str(error.filename or "output"), as_json)
-    _let_go_of_output()
+    let_go_of_output()
     sys.exit(code if isinstance(code, int) else 0)
 
 
@@ -114,12 +116,3 @@ def _fail(message: str, where: str, as_json: bool) -> int:
         print(f"robolamp: {where + ': ' if where else ''}{message}", file=sys.stderr, flush=True)
     return 2
 
-
-def _let_go_of_output() -> None:
-    """Keep the interpreter from failing over output that cannot be written, as it ends."""
-    for stream in (sys.stdout, sys.stderr):
-        try:
-            stream.flush()
-        except (OSError, ValueError):
-            with contextlib.suppress(OSError, ValueError):
-                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

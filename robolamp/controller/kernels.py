@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from robolamp.jit import njit
 from numpy.typing import NDArray
 
 from robolamp.controller.primitives import OPCODES
@@ -12,7 +12,7 @@ _CONSTANT = len(OPCODES)
 _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _IF = (OPCODES[name] for name in ("+", "-", "*", "%", "ifltz"))
 
 
-@njit(cache=True, nogil=True, fastmath=False, error_model="numpy")
+@njit(nogil=True, fastmath=False, error_model="numpy")
 def run_lanes(
     code: NDArray[np.int32],
     operand: NDArray[np.float64],
@@ -67,7 +67,7 @@ def run_lanes(
             outputs[lane, joint] = stack[0]
 
 
-@njit(cache=True, nogil=True, fastmath=False, error_model="numpy")
+@njit(nogil=True, fastmath=False, error_model="numpy")
 def bound_lanes(
     wanted: NDArray[np.float64],
     goal: NDArray[np.float64],

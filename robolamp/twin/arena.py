@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from mujoco.batch import Batch
-from numba import njit
+from robolamp.jit import njit
 from numpy.typing import NDArray
 
 from robolamp.controller.kernels import bound_lanes, run_lanes
@@ -48,7 +48,7 @@ def terminal_sources(twin: FigureTwin, terminals: Sequence[str]) -> NDArray[np.i
     return np.array([sources[name] for name in terminals], np.int64).reshape(-1, 2)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _sense(
     inputs: NDArray[np.float64],
     sources: NDArray[np.int64],
@@ -85,7 +85,7 @@ def _sense(
             inputs[lane, column] = value
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _ask(
     ctrl: NDArray[np.float64],
     goal: NDArray[np.float64],
@@ -106,7 +106,7 @@ def _ask(
 
 
 # A tick in one call: the way from Python into a kernel costs as much as the kernel does for a lane or two.
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _decide(
     sense: tuple[Any, ...], run: tuple[Any, ...], bound: tuple[Any, ...], ask: tuple[Any, ...], time: float
 ) -> None:

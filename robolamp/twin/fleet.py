@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 from mujoco.batch import MODEL_FIELDS, Batch
-from numba import njit
+from robolamp.jit import njit
 from numpy.typing import NDArray
 
 from robolamp.controller.kernels import bound_lanes, run_lanes
@@ -84,7 +84,7 @@ def _differing(models: Sequence[mujoco.MjModel]) -> dict[str, NDArray[np.float64
     return found
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _arrive(
     lanes: NDArray[np.int64],
     told: NDArray[np.float64],

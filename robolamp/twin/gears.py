@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numba import njit
+from robolamp.jit import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -177,7 +177,7 @@ def _add_rotor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, play: float, stiffne
         tendon.stiffness[0] = stiffness
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def regulate(
     goal: NDArray[np.float64],
     sent: NDArray[np.float64],

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+from robolamp.jit import njit
 from numpy.typing import NDArray
 
 from robolamp.twin.lanes import Lanes
@@ -51,7 +51,7 @@ REST_MOTION = 0.005
 _COLUMNS = 16
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _judge(
     state: NDArray[np.float64],
     fallen: NDArray[np.float64],

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from numba import njit
+from robolamp.jit import njit
 from numpy.typing import NDArray
 
 from robolamp.calibration import SERVO
@@ -192,7 +192,7 @@ class Motors:
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def drive(
     lanes: NDArray[np.int64],
     coefficients: NDArray[np.float64],
@@ -225,7 +225,7 @@ def drive(
             ctrl[lanes[index], actuators[joint]] = goal[lanes[index], joint]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def sag(
     resistance: NDArray[np.float64],
     full: NDArray[np.float64],

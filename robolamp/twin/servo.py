@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numba import njit
+from robolamp.jit import njit
 from numpy.typing import NDArray
 
 from robolamp.calibration import SERVO, Calibration
@@ -189,7 +189,7 @@ def write_motors(
     gainprm[:, _VMAX] = voltage * duty
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def friction_loss(
     lanes: NDArray[np.int64],
     coefficients: NDArray[np.float64],
@@ -231,7 +231,7 @@ def friction_loss(
             loss[lane, dof] = friction
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def weaken(
     coefficients: NDArray[np.float64],
     dofs: NDArray[np.int64],

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+from robolamp.jit import njit
 from numpy.typing import NDArray
 
 from robolamp.twin.figure import FigureTwin
@@ -22,7 +22,7 @@ _NEAREST, _ARRIVAL, _IDLE, _COLLISION, _AIR, _JUMPS, _ALOFT, _GAIN, _FROM = rang
 _COLUMNS = 9
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def way_to_goal(
     sensors: NDArray[np.float64], point: NDArray[np.float64], lane: int, root: int, goal: int
 ) -> tuple[float, float]:
@@ -41,7 +41,7 @@ def way_to_goal(
     return x - sensors[lane, root], y - sensors[lane, root + 1]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _follow(
     state: NDArray[np.float64],
     lanes: NDArray[np.int64],
