@@ -51,15 +51,15 @@ def cache_folder(name: str) -> Path | None:
     return None
 
 
-def settle_matplotlib() -> None:
-    """Name a folder for matplotlib's fonts where it would else warn, at each start, that it can keep them nowhere."""
-    if os.environ.get("MPLCONFIGDIR"):
-        return
-    for variable, name in (("XDG_CONFIG_HOME", ".config"), ("XDG_CACHE_HOME", ".cache")):  # where it looks
+def settle_libraries() -> None:
+    """Tell libraries that would keep things in a home where there is none to write to; else they complain each start."""
+    for variable, name in (("XDG_CONFIG_HOME", ".config"), ("XDG_CACHE_HOME", ".cache")):  # where they look
         folder = os.path.abspath(os.environ.get(variable) or os.path.expanduser(f"~/{name}"))  # noqa: PTH100, PTH111
         while not os.path.exists(folder):  # noqa: PTH110 (Path's raises where a folder above may not be entered)
             folder = os.path.dirname(folder)  # noqa: PTH120
         if not os.access(folder, os.W_OK | os.X_OK):
-            if (found := cache_folder("matplotlib")) is not None:
-                os.environ["MPLCONFIGDIR"] = str(found)
+            if (fonts := cache_folder("matplotlib")) is not None:
+                os.environ.setdefault("MPLCONFIGDIR", str(fonts))
+            # https://docs.mesa3d.org/envvars.html: compiled shaders; what is drawn here needs few
+            os.environ.setdefault("MESA_SHADER_CACHE_DISABLE", "true")
             return

@@ -7,7 +7,7 @@ import signal
 import sys
 from types import FrameType
 
-from robolamp.caches import settle_matplotlib
+from robolamp.caches import settle_libraries
 from robolamp.cli.streams import settle_streams
 
 _NO_DISPLAY = "0"
@@ -21,7 +21,7 @@ def main() -> None:
     """Run the command line and exit the process with its code."""
     signal.signal(signal.SIGINT, _interrupt)
     settle_streams()
-    settle_matplotlib()
+    settle_libraries()
     if sys.platform == "linux" and not os.environ.get("MUJOCO_GL"):
         os.environ["MUJOCO_GL"] = _NO_DISPLAY
     try:

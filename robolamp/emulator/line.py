@@ -49,6 +49,7 @@ class Line:
 
     Attributes:
         baud: As given; may be changed at any time. A servo set to another rate hears noise.
+        busy: Until when what was fed, and its answers, take; how late the bytes reached the line is not counted [s].
         unplugged: Indices of servos that are not connected.
     """
 
@@ -62,6 +63,7 @@ class Line:
         injector: Injector | None = None,
     ) -> None:
         self.baud = baud
+        self.busy = -math.inf
         self.unplugged: set[int] = set()
         self._servos = servos
         self._advance = advance
@@ -78,8 +80,9 @@ class Line:
             data: Bytes that the client sends.
             time: When the first of them leaves the client [s].
         """
-        begin = time + (self._latency() if self._latency else 0.0)
-        if self._parser.pending and begin - self._free > self._gap:
+        latency = self._latency() if self._latency else 0.0
+        begin = time + latency
+        if self._parser.pending and self._cut_off(data, begin - self._free):
             self._parser.reset()
         begin = max(begin, self._free)
         byte = BITS / self.baud
@@ -94,7 +97,12 @@ class Line:
                 replies += self._answered(heard, end, replies[-1].due if replies else end)
         if replies:
             self._free = max(self._free, replies[-1].due)
+        self.busy = self._free - latency
         return [reply for reply in replies if reply.data]
+
+    def _cut_off(self, data: bytes, silence: float) -> bool:
+        """Whether an unfinished packet has ended with a silence [s]: it was too long, or a whole packet follows it."""
+        return silence > self._gap or (silence > GAP and any(packet.intact for packet in Parser().feed(data)))
 
     def plug_next(self) -> int | None:
         """Plug in the first servo that is not connected; return its index, None where all are."""

@@ -24,6 +24,10 @@ BROADCAST = 0xFE
 MAX_LENGTH = 4096
 """Largest LEN taken for a packet's; more is a damaged length. Ours: the e-manual states no limit."""
 
+_CHECKS = 8 * MAX_LENGTH
+"""Bytes of damaged packets that are looked through once more for packets inside them, without an intact one between:
+else a stream made of headers would take as many checks of its bytes as it has headers."""
+
 _FIXED = 7  # header, id and length
 _MIN_LENGTH = 3  # instruction and CRC
 _RUN = b"\xff\xff\xfd"
@@ -183,7 +187,7 @@ class Parser:
     """Finds packets in a stream of bytes that may begin anywhere and hold anything.
 
     A packet with a wrong CRC is handed out as not intact; then only its header is thrown away, because a header inside
-    a damaged packet may be a real one.
+    a damaged packet may be a real one. Where that went wrong many times in a row, the whole packet goes.
 
     Attributes:
         discarded: Bytes that belonged to no packet so far.
@@ -192,6 +196,7 @@ class Parser:
     def __init__(self) -> None:
         self.discarded = 0
         self._buffer = bytearray()
+        self._damaged = 0  # bytes of damaged packets since an intact one
 
     @property
     def pending(self) -> int:
@@ -234,11 +239,16 @@ class Parser:
             intact = crc16(raw[:-2]) == int.from_bytes(raw[-2:], "little")
             found.append(Packet(raw[4], body[0], body[1:], max(start + total, 0), intact))
             if intact:
+                self._damaged = 0
                 del self._buffer[:total]
                 start += total
-            else:
-                self._discard(len(HEADER))
-                start += len(HEADER)
+                continue
+            self._damaged += total
+            lost = len(HEADER) if self._damaged <= _CHECKS else total
+            if lost == total:
+                self._damaged = 0
+            self._discard(lost)
+            start += lost
 
     def _without_header(self) -> int:
         """Return how many bytes can be no part of a header yet to be completed."""

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from robolamp.emulator.emulated import Emulated
 from robolamp.emulator.foot import FRAME_SIZE
+from robolamp.emulator.line import BITS
 from robolamp.emulator.terminal import PseudoTerminal
 from robolamp.emulator.traffic import Traffic
 
@@ -26,6 +27,13 @@ CATCH_UP = 1.0
 
 _PIECE = 62  # bytes: a long answer arrives as it goes, in pieces like those of a USB adapter (FTDI: 64 less 2)
 _SPIN = 0.00015  # s: a sleeper is woken 0.05 to 0.1 ms late, the time of ten bytes; answers wait awake that long
+
+_AHEAD = 0.005
+"""How far bytes are taken from the client ahead of what the line has carried [s]: long enough for a packet, short
+enough that a flood of them keeps nothing else waiting. The rest stays in the terminal, as in an adapter's buffer."""
+
+_LATE = 0.05  # longest time that waiting bytes are reckoned to have gone on leaving while the process was held up [s]
+_MOST = 4096  # bytes taken at a time
 
 _UNREAD = 125 * FRAME_SIZE  # a sensor keeps no frames for a client that does not read: 0.25 s of them at most
 _SWITCH_INTERVAL = 0.0005  # longest time that the truth log's thread keeps the interpreter from the line [s]
@@ -72,6 +80,7 @@ class Process:
             raise
         self._due: list[tuple[float, int, bytes]] = []
         self._count = 0
+        self._waiting = False  # whether the client had written more than was taken
         self.servo_port = self._bus.name
         self.foot_port = self._foot.name if self._foot else None
 
@@ -103,7 +112,10 @@ class Process:
         world = self._world
         wake = world.time + world.timestep
         answer = self._due[0][0] if self._due else math.inf
-        listening = [self._bus.descriptor] if self._bus.descriptor >= 0 else []
+        room = world.line.busy - _AHEAD  # when the line takes more
+        listening = [self._bus.descriptor] if self._bus.descriptor >= 0 and room < self._now() else []
+        if not listening and self._bus.descriptor >= 0:
+            wake = min(wake, room)
         ready, _, _ = select.select(listening, [], [], max(0.0, min(wake, answer - _SPIN) - self._now()))
         now = self._now()
         while answer - _SPIN < now < answer:
@@ -136,13 +148,18 @@ class Process:
                     port.plug()
 
     def _hear(self, now: float) -> None:
-        data, baud = self._bus.read(), self._bus.baud
+        baud, busy = self._bus.baud, self._world.line.busy
+        # What has waited left the client without a pause, as soon as what was before it.
+        time = min(max(busy, now - _LATE), now) if self._waiting else now
+        most = min(max(int((now + _AHEAD - max(busy, time)) * baud / BITS), 1), _MOST) if baud else _MOST
+        data = self._bus.read(most)
+        self._waiting = len(data) == most
         if data and baud:
             self._world.line.baud = baud
             if self._traffic:
-                self._traffic.sent(data, now)
+                self._traffic.sent(data, time)
             before = -math.inf
-            for reply in self._world.receive(data, now):
+            for reply in self._world.receive(data, time):
                 for begin in range(0, len(reply.data), _PIECE):
                     piece = reply.data[begin : begin + _PIECE]
                     left = len(reply.data) - begin - len(piece)

@@ -52,10 +52,14 @@ class PseudoTerminal:
         """Throw away what the client has not read."""
         termios.tcflush(self._client, termios.TCIFLUSH)
 
-    def read(self) -> bytes:
-        """Return what the client has written."""
+    def read(self, most: int) -> bytes:
+        """Return what the client has written; what is left makes a client that goes on writing wait.
+
+        Args:
+            most: Bytes at most.
+        """
         try:
-            return os.read(self.descriptor, 4096)
+            return os.read(self.descriptor, most)
         except BlockingIOError:
             return b""
 
