@@ -93,10 +93,13 @@ def alone(folder: Path) -> Iterator[None]:
         folder: The folder, made where it is missing; a file .lock stays in it.
 
     Raises:
-        FileError: Another process is at work there, or the folder cannot be written.
+        FileError: Another process is at work there, or the folder cannot be made or written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(f"cannot be made: {error.strerror or error}", str(folder)) from None
+    try:
         stream = (folder / ".lock").open("a")
     except OSError as error:
         raise FileError(f"cannot be written: {error.strerror or error}", str(folder)) from None

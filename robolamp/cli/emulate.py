@@ -13,6 +13,7 @@ from cyclopts import Parameter
 
 from robolamp.cli.output import print_json
 from robolamp.errors import FileError, RobolampError
+from robolamp.files import alone
 from robolamp.runtime.stop import StopRequest
 
 
@@ -52,6 +53,7 @@ def emulate(
         faults: A TOML script of what goes wrong, and when.
         injections: Write each fault that is injected to this file, a line of JSON each.
         ports: A folder for links "servo" and "foot" to the ports; they survive that a fault unplugs a port.
+            For one emulator at a time.
         traffic: Show each packet on the servo port in words, on stderr.
         as_json: Print one JSON line when ready, and end with the process that started this one.
     """
@@ -71,6 +73,8 @@ def emulate(
             rig = lamp_rig(lamp, calibration or "nominal", reality or "worn", faults, factory, eeprom)
         if rig.faults.unplugs and ports is None:
             raise RobolampError("unplugs a port; give --ports DIR, whose links survive that", str(faults))
+        if ports is not None:
+            closing.enter_context(alone(ports))
         report = InjectionLog(injections)
         closing.callback(report.close)
         rig.world.injector.report = report.write

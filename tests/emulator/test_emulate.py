@@ -199,3 +199,21 @@ def test_a_bad_servos_file_is_refused_in_one_line(tmp_path: Path, text: str, say
     with pytest.raises(FileError, match=r"mine\.toml") as failure:
         load_servos(path)
     assert says in str(failure.value)
+
+
+def test_two_emulators_do_not_share_a_folder_of_ports(two: str, tmp_path: Path) -> None:
+    folder, truth = str(tmp_path / "folder"), tmp_path / "log.jsonl"
+    words = ["--servos", two, "--ports", folder, "--injections", str(truth)]
+    with emulator(*words) as (process, ready):
+        with sdk(str(ready["servo_port"])) as (handler, packets):
+            truth.write_text("of the first\n")
+            second = subprocess.run([*COMMAND, *words], capture_output=True, text=True, check=False, timeout=60)
+            assert (second.returncode, second.stdout) == (2, "")
+            assert second.stderr == f"robolamp: {folder}: another robolamp is at work here\n"
+            assert truth.read_text() == "of the first\n"
+            assert packets.ping(handler, 5)[1] == COMM_SUCCESS  # the first goes on
+        process.kill()
+        process.wait(timeout=10)
+    assert (tmp_path / "folder" / "servo").is_symlink()  # it was killed: its link is left
+    with emulator(*words) as (process, ready), sdk(str(ready["servo_port"])) as (handler, packets):
+        assert packets.ping(handler, 5)[1] == COMM_SUCCESS

@@ -1,0 +1,108 @@
+"""More bytes at once than the line carries in a tick: a client has to wait for it, and it is never deaf for longer."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+import serial
+
+from robolamp.emulator.packet import HEADER
+
+from .parts import Bench, Status, instruction, read
+from .test_process import emulator, frames
+
+BAUD = 1_000_000
+FLOOD = 300_000  # bytes: 3 s on the line
+BYTE = 10 / BAUD
+PING = instruction(1, 0x01)
+MUTE = instruction(99, 0x01)  # to a servo that is not there
+NESTED = HEADER + bytes([1, 0x00, 0x10])  # each begins a packet of 4096 bytes
+
+
+def floods() -> dict[str, bytes]:
+    rubbish = np.random.default_rng(1).bytes(FLOOD)
+    found = {
+        "zeros": bytes(FLOOD),
+        "ones": b"\xff" * FLOOD,
+        "rubbish": rubbish,
+        "headers": NESTED * (FLOOD // len(NESTED)),
+        "nobody's packets": MUTE * (FLOOD // len(MUTE)),
+    }
+    return found
+
+
+@pytest.fixture(scope="module")
+def ports() -> Iterator[dict[str, str]]:
+    with emulator("--reality", "none") as (_, ready):
+        yield {key: str(value) for key, value in ready.items() if key.endswith("_port")}
+
+
+@pytest.mark.parametrize("kind", floods())
+def test_a_flood_takes_its_time_on_the_line_and_no_longer(ports: dict[str, str], kind: str) -> None:
+    data = floods()[kind]
+    heard = bytearray()
+    with (
+        serial.Serial(ports["servo_port"], BAUD, timeout=0.1) as port,
+        serial.Serial(ports["foot_port"], 115_200, timeout=0.05) as foot,
+    ):
+        foot.reset_input_buffer()
+        listening = threading.Event()
+        listening.set()
+
+        def listen() -> None:
+            while listening.is_set():
+                heard.extend(foot.read(64))
+
+        listener = threading.Thread(target=listen)
+        listener.start()
+        try:
+            begun = time.monotonic()
+            port.write(data)
+            written = time.monotonic() - begun
+            time.sleep(max(0.0, len(data) * BYTE + 0.1 - written))
+            port.reset_input_buffer()
+            port.write(PING)
+            answer = port.read(14)
+        finally:
+            listening.clear()
+            listener.join()
+    assert len(answer) == 14
+    assert Status.of(answer).id == 1
+    assert written > 0.6 * len(data) * BYTE  # the terminal's own buffers took what they hold
+    assert len(frames(bytes(heard))) > 0.8 * written * 500  # and nothing else stood still
+
+
+def test_a_packet_after_a_silence_is_heard_though_another_was_begun(ports: dict[str, str]) -> None:
+    """A client that tries again sooner than an unfinished packet is given up is not deaf to the answers."""
+    with serial.Serial(ports["servo_port"], BAUD, timeout=0.03) as port:
+        port.write(NESTED)
+        time.sleep(0.01)
+        port.write(PING)
+        assert len(port.read(14)) == 14
+
+
+def test_a_packet_written_in_two_halves_is_one(ports: dict[str, str]) -> None:
+    with serial.Serial(ports["servo_port"], BAUD, timeout=1.0) as port:
+        request = read(1, 132, 4)
+        port.write(request[:6])
+        time.sleep(0.01)
+        port.write(request[6:])
+        assert len(port.read(15)) == 15
+
+
+def test_packets_that_were_written_while_it_stood_still_are_all_answered(ports: dict[str, str]) -> None:
+    with serial.Serial(ports["servo_port"], BAUD, timeout=1.0) as port:
+        port.write(PING * 200)
+        assert len(port.read(14 * 200)) == 14 * 200
+
+
+def test_a_stream_of_headers_costs_no_more_than_its_length() -> None:
+    bench = Bench()
+    begun = time.process_time()
+    bench.line.feed(NESTED * 20_000, 0.0)
+    assert time.process_time() - begun < 20_000 * len(NESTED) * BYTE  # as long as it is on the line
+    assert [Status.of(reply.data).id for reply in bench.line.feed(PING, 10.0)] == [1]
