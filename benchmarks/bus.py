@@ -32,7 +32,8 @@ from robolamp.assets import Assets
 from robolamp.dynamixel.block import LENGTHS
 from robolamp.dynamixel.bus import Bus
 from robolamp.dynamixel.registers import MODELS, RAD_PER_COUNT
-from robolamp.dynamixel.servos import CONDITION, STATE, Servos, Transport, answer_wire_time
+from robolamp.dynamixel.servos import Servos
+from robolamp.dynamixel.wire import CONDITION, STATE, Transport, wire_time
 from robolamp.errors import RobolampError
 from robolamp.lamp import load_lamp
 from robolamp.robot.lamp import RobotLamp
@@ -214,7 +215,7 @@ NAMES = {  # of lerobot's table, each with its bytes
     "Present_PWM": 2, "Present_Current": 2, "Present_Velocity": 4, "Present_Position": 4, "Present_Input_Voltage": 2,
     "Present_Temperature": 1, "Torque_Enable": 1, "Hardware_Error_Status": 1,
 }  # fmt: skip
-FAST = answer_wire_time(Transport.FAST, len(IDS), BAUD) * BAUD / 10 + SYNC_WRITE
+FAST = wire_time("tick", len(IDS), BAUD, Transport.FAST) * BAUD / 10
 
 CLIENTS = (
     Client("robolamp", WHOLE, FAST, robolamp),

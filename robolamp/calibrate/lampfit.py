@@ -23,6 +23,7 @@ from robolamp.calibrate.supply import measure_supply, median_error
 from robolamp.calibrate.unknowns import MOST, SPREAD, Unknown, calibrated, gears_of, unknowns
 from robolamp.calibrate.whole import mass_of, rescale, simulate
 from robolamp.calibration import LAMP, Calibration
+from robolamp.dynamixel.wire import Transport, wire_time
 from robolamp.errors import RobolampError
 from robolamp.lamp import Lamp
 from robolamp.twin.model import TwinModel, build
@@ -119,7 +120,7 @@ def fit_lamp(
     train = [recording for recording in clamped if recording.name not in held_out]
     if not train:
         raise RobolampError("no recording of the clamped lamp; expected one or more", str(session.folder))
-    line, supply = _line_delay(session), measure_supply(session.recordings, base)
+    line, supply = _line_delay(session, lamp), measure_supply(session.recordings, base)
     whole = {"line_delay": line[0]} | {name: value for name, (value, _) in supply.items()}
     errors_of = {"line_delay": line[2], "mass_scale": SCALE_ERROR}
     errors_of |= {name: error for name, (_, error) in supply.items()}
@@ -208,7 +209,7 @@ def fit_lamp(
         lamp=values,
         floor=floor,
         foot_offset=offset,
-        latency=line[1] - _reading_wire_time(len(lamp.joints), lamp.bus_baud),
+        latency=line[1],
         mae=mae,
         trained=tuple(seen),
         left_out=left_out,
@@ -236,19 +237,15 @@ class _Joints:
         return float(np.mean([self.mae[name] for name in names])) if names else math.nan
 
 
-def _line_delay(session: LampSession) -> tuple[float, float, float]:
-    """Return the medians of tick begin to goals sent, and of a reading, and the first one's standard error [s]."""
+def _line_delay(session: LampSession, lamp: Lamp) -> tuple[float, float, float]:
+    """Return the medians of tick begin to goals sent, and of a reading beyond its bytes, and the first's error [s]."""
+    quickest = wire_time("reading", len(lamp.joints), lamp.bus_baud, Transport.FAST)  # older logs do not say
+    wires = [recording.run.answer_wire for recording in session.recordings]
     sent = np.concatenate([recording.run.write_done - recording.run.began for recording in session.recordings])
-    read = np.concatenate([recording.run.read_done - recording.run.began for recording in session.recordings])
+    read = np.concatenate(
+        [
+            recording.run.read_done - recording.run.began - (wire if np.isfinite(wire) else quickest)
+            for recording, wire in zip(session.recordings, wires, strict=True)
+        ]
+    )
     return float(np.median(sent)), float(np.median(read)), median_error(sent)
-
-
-def _reading_wire_time(n: int, baud: int) -> float:
-    """Return how long the bytes of a tick's reading are on the line [s].
-
-    Args:
-        n: How many servos, of which a Fast Sync Read asks 19 bytes each (e-manual, protocol 2.0: 14 + n bytes there; 8,
-            and 4 around each servo's data, back; 10 bits a byte).
-        baud: Of the line [1/s].
-    """
-    return (14 + n + 8 + n * (4 + 19)) * 10.0 / baud

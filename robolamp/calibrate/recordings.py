@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.dynamixel.servos import goals_wire_time
+from robolamp.dynamixel.wire import wire_time
 from robolamp.errors import FileError
 from robolamp.files import read_text, sha256
 from robolamp.log.reader import Run, read_run
@@ -170,10 +170,6 @@ def read_recording(path: Path) -> list[Recording]:
     raise FileError(f"not a recording; expected one of {', '.join(SUFFIXES)}", str(path))
 
 
-# Of the instruction packet that turns a servo's torque off (e-manual, protocol 2.0): 13 bytes of 10 bits on the line.
-_TORQUE_BITS = 130
-
-
 def _read_log(path: Path) -> list[Recording]:
     run = read_run(path)
     described, bench = _described(run.context.get("lamp", ""), path)
@@ -185,8 +181,8 @@ def _read_log(path: Path) -> list[Recording]:
     if bench:
         # One servo: when its instructions arrive follows from the stamps and the time of their bytes.
         baud = int(bench["baud"])
-        wire = goals_wire_time(1, baud)
-        goal_time, release = goal_time + wire, _release(run) + wire + _TORQUE_BITS / baud
+        wire = wire_time("goals", 1, baud)
+        goal_time, release = goal_time + wire, _release(run) + wire + wire_time("switch", 1, baud)
     recordings = []
     for column, joint in enumerate(run.joints):
         servo, p_gain = described.get(joint, ("", math.nan))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration
 from robolamp.compare.knobs import Change
-from robolamp.dynamixel.servos import goals_wire_time
+from robolamp.dynamixel.wire import wire_time
 from robolamp.lamp import Lamp
 from robolamp.log.reader import Run
 from robolamp.twin.bank import Member, Record, Score, play_bank
@@ -207,6 +207,6 @@ def _score(run: Run, rows: NDArray[np.int64], lamp: Lamp, timestep: float) -> Sc
         powered=float(run.began[0]),
         pose=np.where(np.isfinite(known), known, before),
         hold=before,
-        sent=np.maximum.accumulate(run.write_done[rows]) + goals_wire_time(len(run.joints), lamp.bus_baud),
+        sent=np.maximum.accumulate(run.write_done[rows]) + wire_time("goals", len(run.joints), lamp.bus_baud),
         goal=np.round(run.goal[rows] / ENCODER_STEP) * ENCODER_STEP,  # registers hold whole counts
     )

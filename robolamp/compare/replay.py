@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration
 from robolamp.controller.terminals import SignalLimits, Signals
-from robolamp.dynamixel.servos import goals_wire_time
+from robolamp.dynamixel.wire import wire_time
 from robolamp.errors import FileError
 from robolamp.lamp import Lamp
 from robolamp.log.reader import Run
@@ -128,7 +128,7 @@ def _commands(run: Run, twin: TwinModel) -> deque[tuple[float, Array]]:
     """
     step = twin.timestep
     line = round(twin.line_delay / step) * step  # as the twin keeps it
-    wire = goals_wire_time(len(run.joints), twin.lamp.bus_baud)  # write_done is when the packet was handed over
+    wire = wire_time("goals", len(run.joints), twin.lamp.bus_baud)  # write_done is when the packet was handed over
     arrival = np.maximum((run.write_done + wire - run.began[0] - line) / step, 0.0)
     commands: deque[tuple[float, Array]] = deque()
     before = run.goal[0]

@@ -5,24 +5,17 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Sequence
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.dynamixel.block import LENGTHS, data_address, map_block, places_in_block
 from robolamp.dynamixel.bus import Bus
-from robolamp.dynamixel.fast import FastReply
 from robolamp.dynamixel.registers import COUNTS_PER_TURN, FULL_PWM, RAD_PER_COUNT, WATCHDOG_UNIT, Model, Name, Register
 from robolamp.dynamixel.state import COLUMNS, VOLTAGE, Answer, Layout, Scales, ServoState
 from robolamp.dynamixel.status import Status
+from robolamp.dynamixel.wire import CONDITION, STATE, Transport
 from robolamp.errors import BusError, SafetyError
-
-STATE = (124, 23)
-"""Address and length of Present PWM ... Present Temperature, the same in every model."""
-
-CONDITION = (64, 7)
-"""Address and length of Torque Enable ... Hardware Error Status, the same in every model."""
 
 _ALIKE = {  # counts that two readings of one servo, a few ms apart and at rest, may differ by
     Name.PRESENT_POSITION: 64,
@@ -34,67 +27,6 @@ _ALIKE = {  # counts that two readings of one servo, a few ms apart and at rest,
 
 TORQUE_OFF_ATTEMPTS = 3
 """How often each servo is told to turn its torque off, on top of the bus's own attempts."""
-
-
-class Transport(StrEnum):
-    """How a reading is made."""
-
-    FAST = "fast sync read of the health block"
-    BLOCK = "sync read of the health block"
-    DIRECT = "two sync reads"
-
-
-def tick_wire_time(n: int, baud: int) -> float:
-    """Return how long a tick's packets are on the line at most [s]: two sync reads and a sync write, without pauses.
-
-    With the health block a tick takes less; a servo that has lost its block is read like this again.
-
-    Instruction packets have 10 bytes around their parameters, status packets 11 around their data
-    (https://emanual.robotis.com/docs/en/dxl/protocol2/, "Instruction Packet", "Sync Read", "Sync Write"); a byte is 10
-    bits on the line (8 data, start, stop). Bytes stuffed are not counted.
-
-    Args:
-        n: How many servos.
-        baud: Of the line [1/s].
-    """
-    return answer_wire_time(Transport.DIRECT, n, baud) + goals_wire_time(n, baud)
-
-
-def answer_wire_time(transport: Transport, n: int, baud: int) -> float:
-    """Return how long a reading's questions and answers are on the line [s], without pauses.
-
-    Args:
-        transport: How it is made; of the health block's lengths the mean counts.
-        n: How many servos it asks.
-        baud: Of the line [1/s].
-    """
-    block = sum(LENGTHS) / len(LENGTHS)
-    count = {
-        Transport.FAST: 10 + 4 + n + FastReply.HEAD + n * (FastReply.block(0) + block),
-        Transport.BLOCK: 10 + 4 + n + n * (11 + block),  # as in `tick_wire_time`
-        Transport.DIRECT: sum(10 + 4 + n + n * (11 + length) for _, length in (STATE, CONDITION)),
-    }
-    return count[transport] * 10.0 / baud
-
-
-def goals_wire_time(n: int, baud: int) -> float:
-    """Return how long the sync write of goals is on the line [s]; servos take their goals when it has ended.
-
-    Args:
-        n: How many servos it is for.
-        baud: Of the line [1/s].
-    """
-    return (10 + 4 + n * (1 + 4)) * 10.0 / baud  # Goal Position(116) has 4 bytes; as in `tick_wire_time`
-
-
-def request_wire_time(n: int, baud: int) -> float:
-    """Return how long a tick's first question is on the line [s]: when it ends, the servos look at their encoders.
-
-    Args:
-        n: How many servos it asks.
-        baud: Of the line [1/s].
-    """
-    return (10 + 4 + n) * 10.0 / baud  # a Sync Read, as in `tick_wire_time`
 
 
 class Servos:

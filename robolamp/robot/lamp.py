@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.dynamixel.bus import PATIENCE, Bus, Port
-from robolamp.dynamixel.servos import Servos, answer_wire_time, request_wire_time
+from robolamp.dynamixel.servos import Servos
 from robolamp.dynamixel.state import ServoState
+from robolamp.dynamixel.wire import wire_time
 from robolamp.errors import BusError, SafetyError
 from robolamp.foot.sensor import ByteSource, FootSensor
 from robolamp.lamp import Lamp
@@ -76,7 +77,7 @@ class RobotLamp:
         self._servos: Servos | None = None
         self._firmware: list[int] = []
         self._measured = np.full(len(lamp.joints), -math.inf)  # when each angle last came [s]
-        self._asking = request_wire_time(len(lamp.joints), lamp.bus_baud)
+        self._asking = wire_time("question", len(lamp.joints), lamp.bus_baud)
         self._torque = False
         self._spoke = -math.inf  # when the bus last carried a packet of ours [s]
         self._silence = 0.0  # longest time without one since the watchdogs were last known to be armed [s]
@@ -98,7 +99,7 @@ class RobotLamp:
         """How long a tick's questions and answers are on the line [s]; NaN before `open`."""
         if self._servos is None:
             return math.nan
-        return answer_wire_time(self._servos.transport, len(self.joints), self._lamp.bus_baud)
+        return wire_time("reading", len(self.joints), self._lamp.bus_baud, self._servos.transport)
 
     @property
     def clock(self) -> Clock:

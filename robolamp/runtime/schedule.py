@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robolamp.dynamixel.servos import tick_wire_time
+from robolamp.dynamixel.wire import wire_time
 from robolamp.errors import SafetyError
 from robolamp.lamp import Lamp
 from robolamp.signals import Clock
@@ -32,7 +32,7 @@ def check_period(period: float, lamp: Lamp) -> None:
             f"control_period = {period:g} s is longer than {MAX_PERIOD:g} s: the servos' Bus Watchdog stops them after "
             f"{2 * MAX_PERIOD:g} s of silence"
         )
-    wire = tick_wire_time(len(lamp.joints), lamp.bus_baud)
+    wire = wire_time("tick", len(lamp.joints), lamp.bus_baud)
     if wire > WIRE_SHARE * period:
         raise SafetyError(
             f"a tick takes {wire * 1e3:.1f} ms on the servo bus at bus.baud = {lamp.bus_baud}, more than "

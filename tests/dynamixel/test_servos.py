@@ -11,7 +11,8 @@ import pytest
 
 from robolamp.dynamixel.bus import Bus
 from robolamp.dynamixel.registers import MODELS, RAD_PER_COUNT, VELOCITY_UNIT, IndirectBlock, Name
-from robolamp.dynamixel.servos import CONDITION, STATE, Servos, Transport, tick_wire_time
+from robolamp.dynamixel.servos import Servos
+from robolamp.dynamixel.wire import CONDITION, STATE, Transport, wire_time
 from robolamp.errors import BusError, SafetyError
 
 from .responder import Responder
@@ -127,8 +128,8 @@ def test_wire_time_is_that_of_the_bytes_on_the_line(line: Responder, servos: Ser
     servos.write_goals(np.full(3, 3.0))
     servos.read()  # answered after the goals have been heard
     sent = sum(10 + len(p) for _, _, p in line.heard[:3])
-    answered = sum(3 * (11 + length) for _, length in (STATE, CONDITION))
-    assert tick_wire_time(3, 57_600) == pytest.approx((sent + answered) * 10 / 57_600)
+    answered = sum(3 * (11 + length) for _, length in (STATE, CONDITION)) + 3 / 2  # every other one is longer by a byte
+    assert wire_time("tick", 3, 57_600) == pytest.approx((sent + answered) * 10 / 57_600)
 
 
 def test_a_servo_that_stays_without_torque_is_named(line: Responder, servos: Servos) -> None:
