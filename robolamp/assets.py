@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robolamp.errors import FileError
+from robolamp.files import is_file, kind_of, suffix_of
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -41,11 +42,7 @@ class Assets:
         if folder is None:
             return cls()
         path = Path(folder)
-        try:
-            found = path.is_dir()
-        except OSError as error:  # such as a name that is too long
-            raise FileError(f"cannot be read: {error.strerror}", str(folder)) from None
-        if not found:
+        if kind_of(path) != "a folder":
             raise FileError("is not a folder; `--lamp` expects one laid out like robolamp's own", str(folder))
         return cls(path)
 
@@ -63,7 +60,7 @@ class Assets:
             FileError: No root has it, or something there is no file.
         """
         for root in self.roots():
-            if _is_file(root / relative):
+            if is_file(root / relative):
                 return root / relative
         raise FileError(f"{relative} not found", " or ".join(str(root) for root in self.roots()))
 
@@ -79,29 +76,32 @@ class Assets:
         Raises:
             FileError: Neither a file nor a known name; the message lists the known ones. Or a folder has that name.
         """
-        path = Path(name)
-        try:
-            exists = path.is_file()
-        except OSError as error:  # such as a name that is too long
-            raise FileError(f"cannot be read: {error.strerror}", str(name)) from None
-        if exists:
+        path, bare = Path(name), bare_name(name)
+        there = kind_of(path)
+        if there == "file":
             return path
-        if path.parent == Path() and path.suffix in ("", ".toml") and path.stem not in exclude:
-            for root in self.roots():
-                candidate = root / folder / f"{path.stem}.toml"
-                if _is_file(candidate):
-                    return candidate
+        if bare and bare not in exclude:
+            for item in self.all(folder):
+                if item.stem == bare and is_file(item):
+                    return item
         known = ", ".join(sorted({item.stem for item in self.all(folder)} - {*exclude})) or "none"
-        raise FileError(f"no such {kind}; give a file, or one of: {known}", str(name))
+        found = f"is {there}, " if there else ""
+        raise FileError(f"{found}no such {kind}; give a file, or one of: {known}", str(name))
 
     def all(self, folder: str) -> Iterable[Path]:
-        """Yield every TOML file of a data folder, the user's own first."""
+        """Yield everything in a data folder that is named as a TOML file, the user's own first."""
         for root in self.roots():
-            yield from sorted((root / folder).glob("*.toml"))
+            if (root / folder).is_dir():
+                yield from sorted(item for item in (root / folder).iterdir() if suffix_of(item) == ".toml")
 
 
-def _is_file(path: Path) -> bool:
-    """Return whether there is a file; a folder in its place is refused, not passed over for a shipped file."""
-    if path.is_dir():
-        raise FileError("is a folder; expected a file", str(path))
-    return path.is_file()
+def bare_name(name: str | Path) -> str:
+    """Return the name of a data file, whose points are its own ("limbo-22.5cm"), without .toml; empty for a path.
+
+    Args:
+        name: A name, or a path.
+    """
+    path = Path(name)
+    if path.parent != Path():
+        return ""
+    return path.stem if suffix_of(path) == ".toml" else path.name

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.assets import Assets
-from robolamp.files import Table, read_toml
+from robolamp.files import Table, read_text, read_toml
 
 SERVO_MODELS = ("XL330-M288-T", "XL330-M077-T", "XL430-W250-T")
 """Servo models that a lamp may name."""
@@ -168,7 +168,7 @@ def load_lamp(assets: Assets) -> Lamp:
         contact_on=contact_on,
         contact_off=foot.number("contact_off", 0.0, contact_on, "N"),
         preflight_angle=safety.number("preflight_angle", 0.0, PREFLIGHT_ANGLE_MAX, "rad"),
-        source=path.read_text(encoding="utf-8"),
+        source=read_text(path),
         path=path,
     )
     for table in (root, bus, foot, safety):

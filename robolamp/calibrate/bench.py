@@ -7,7 +7,8 @@ between two steps counts in each for its share, so that results are smooth in th
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -31,6 +32,7 @@ Array = NDArray[np.float64]
 
 _R, _KP, _KD, _VMAX = 0, 4, 6, 7  # columns of a dcmotor's actuator_gainprm
 _DOF = np.zeros(1, np.int64)
+_TOLD = 500  # steps after which the share that is done is told
 
 
 class Bench:
@@ -40,6 +42,7 @@ class Bench:
         recordings: Pendulum recordings.
         timestep: Physics step [s].
         workers: Threads; None: one for each core.
+        share: Called with the share of the recordings' steps that is done, 0 to 1, from several threads.
 
     Attributes:
         recordings: The recordings.
@@ -50,13 +53,19 @@ class Bench:
     """
 
     def __init__(
-        self, recordings: Sequence[Recording], *, timestep: float = TIMESTEP, workers: int | None = None
+        self,
+        recordings: Sequence[Recording],
+        *,
+        timestep: float = TIMESTEP,
+        workers: int | None = None,
+        share: Callable[[float], None] = lambda _share: None,
     ) -> None:
         require_pendulum(recordings)
         self.recordings = list(recordings)
         self.timestep = timestep
         self.workers = workers or len(os.sched_getaffinity(0))
         self.steps = 0
+        self._share, self._taken, self._lock = share, 0, threading.Lock()
         self._model = pendulum_model(timestep)
         self._tracks = [Track(recording, timestep) for recording in recordings]
 
@@ -117,10 +126,17 @@ class Bench:
             friction_loss(alive, friction, _DOF, motor, bias, qvel, loss)
             batch.step(alive, 1)
             angles[step + 1] = qpos[:, 0]
+            if (step + 1) % _TOLD == 0:
+                self._tell(len(alive) * _TOLD)
         found = {}
         for lane, (job, track) in enumerate(zip(jobs, tracks, strict=True)):
             found[job] = np.interp(track.samples, track.grid, angles[: track.steps + 1, lane]) + offset[lane]
         return found
+
+    def _tell(self, steps: int) -> None:
+        with self._lock:
+            self._taken += steps
+            self._share(self._taken / sum(track.steps for track in self._tracks))
 
 
 class _Inputs:
@@ -149,8 +165,10 @@ class _Inputs:
 
 def _set_constants(batch: Batch, tracks: Sequence[Track], sets: Array) -> None:
     """Give each lane its pendulum and what its servo keeps all along."""
-    batch.expand("body_mass")[:, 1] = [track.mass for track in tracks]
-    batch.expand("body_ipos")[:, 1, 2] = [-track.length for track in tracks]
+    mass, centre, inertia = np.array([track.load.body for track in tracks]).T
+    batch.expand("body_mass")[:, 1] = mass
+    batch.expand("body_ipos")[:, 1, 2] = -centre
+    batch.expand("body_inertia")[:, 1] = inertia[:, None]
     batch.expand("actuator_armature")[:, 0] = sets[:, COLUMN["armature"]]
     k = sets[:, COLUMN["torque_constant"]]
     batch.expand("actuator_gainprm")[:, 0, 1] = k

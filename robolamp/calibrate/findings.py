@@ -90,7 +90,19 @@ def verdict(fit: LampFit) -> Verdict:
 
 def findings(fit: LampFit, session: LampSession, lamp: Lamp, base: Calibration) -> list[str]:
     """Return what a person should know of a fit, a sentence or two each."""
-    return [*_delay(fit, lamp, base), *_zeros(fit, lamp), *_foot(fit), *_gears(fit), *_unknown(fit, session)]
+    return [
+        *_missing(session),
+        *_delay(fit, lamp, base),
+        *_zeros(fit, lamp),
+        *_foot(fit),
+        *_gears(fit),
+        *_unknown(fit, session),
+    ]
+
+
+def _missing(session: LampSession) -> list[str]:
+    gaps = [f"{recording.name} {recording.missing}" for recording in session.recordings if recording.missing]
+    return [f"Readings are missing, and left out: {', '.join(gaps)}. Look at cable and plugs."] if gaps else []
 
 
 def _delay(fit: LampFit, lamp: Lamp, base: Calibration) -> list[str]:

@@ -127,6 +127,7 @@ def fit_servo(
     starts: int = 3,
     workers: int | None = None,
     told: Callable[[str], None] = lambda _text: None,
+    share: Callable[[float], None] = lambda _share: None,
 ) -> ServoFit:
     """Fit a servo.
 
@@ -138,6 +139,7 @@ def fit_servo(
         starts: Starts of each fit.
         workers: Threads; None: one for each core.
         told: Called with a line of progress.
+        share: Called with the share that is done at most, 0 to 1: the ladder may end before its last rung.
 
     Raises:
         RobolampError: A name in leave_out is none of the recordings', or nothing is left to fit to.
@@ -163,7 +165,8 @@ def fit_servo(
     parts = [(used, held_back)] if held_back else [
         ([index for index in used if index not in part], part) for part in _deal(recordings, used)
     ]  # fmt: skip
-    search = _Search(pendulum, centre, used, parts, rng, starts)
+    fits = 1 if held_back else 1 + len(parts)
+    search = _Search(pendulum, centre, used, parts, rng, starts, lambda done: share(done / (fits * (len(LADDER) + 2))))
     climbed: list[_Step] = []
     kept: list[int] = []
     for number, rung in enumerate(LADDER):
@@ -224,9 +227,11 @@ class _Search:
         parts: Sequence[tuple[list[int], list[int]]],
         rng: np.random.Generator,
         starts: int,
+        fitted: Callable[[int], None],
     ) -> None:
         self._pendulum, self._centre, self._used, self._parts = pendulum, centre, used, parts
         self._rng, self._starts = rng, starts
+        self._fits, self._fitted = 0, fitted
 
     def fit(
         self, names: Sequence[str], before: Solution | None, which: Sequence[int], starts: int, held: Sequence[str] = ()
@@ -241,11 +246,15 @@ class _Search:
         )
         problem = Problem(self._pendulum, which)
         if before is None:
-            return problem.best(chart, problem.starts(chart, self._rng, starts))
-        known = dict(zip(before.chart.names, before.z.tolist(), strict=True))
-        first = np.array([known.get(name, 0.0) for name in names])
-        around = [first + _SCATTER * self._rng.standard_normal(len(names)) for _ in range(starts - 1)]
-        return problem.best(chart, [first, *around])
+            begins = problem.starts(chart, self._rng, starts)
+        else:
+            known = dict(zip(before.chart.names, before.z.tolist(), strict=True))
+            first = np.array([known.get(name, 0.0) for name in names])
+            begins = [first, *(first + _SCATTER * self._rng.standard_normal(len(names)) for _ in range(starts - 1))]
+        found = problem.best(chart, begins)
+        self._fits += 1
+        self._fitted(self._fits)
+        return found
 
     def again(self, found: Solution, which: Sequence[int], held: Sequence[str] = ()) -> Solution:
         """Return the better of two fits: from what was found, and from nothing."""

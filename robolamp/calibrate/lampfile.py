@@ -11,6 +11,7 @@ import numpy as np
 import tomlkit
 from tomlkit.items import InlineTable, Table
 
+from robolamp.assets import bare_name
 from robolamp.calibrate.findings import findings, verdict
 from robolamp.calibrate.lampfit import LampFit
 from robolamp.calibrate.session import LampSession
@@ -46,7 +47,7 @@ def write_lamp_file(path: Path, fit: LampFit, session: LampSession, lamp: Lamp, 
     Raises:
         FileError: It cannot be written.
     """
-    write_atomic(path, lamp_file(path.stem, fit, session, lamp, base))
+    write_atomic(path, lamp_file(bare_name(path.name), fit, session, lamp, base))
 
 
 def lamp_file(name: str, fit: LampFit, session: LampSession, lamp: Lamp, base: Calibration) -> str:

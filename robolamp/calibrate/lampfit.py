@@ -98,6 +98,7 @@ def fit_lamp(
     iterations: int = _ITERATIONS,
     gears: bool = True,
     progress: Callable[[str], None] = lambda text: None,
+    share: Callable[[float], None] = lambda _share: None,
 ) -> LampFit:
     """Fit a lamp to a session's recordings.
 
@@ -112,6 +113,7 @@ def fit_lamp(
         gears: Whether to look for play and stiffness, where the base has neither: they are kept where they leave at
             most 95 % of the error on the recordings held out, and raise none of the error on the others.
         progress: Called with a line as it goes on.
+        share: Called with the share that is done, 0 to 1, if every search goes on as long as it may.
 
     Raises:
         RobolampError: The session holds too little to fit a lamp to.
@@ -138,16 +140,26 @@ def fit_lamp(
             found.append(twin)
         return found
 
+    asked = unknowns(lamp, base, names)
+    start = np.zeros(len(asked))
+    # Lamps to simulate, at most: a derivative a step, and with gears what the search tries and what polishes it.
+    rigid, plays = (iterations + 1) * (len(asked) + 2), len(lamp.joints)
+    expected = rigid + (35 + 8 * plays + 3 * len(asked) if gears else 2)
+    simulated = 0
     with ThreadPoolExecutor() as pool:
 
         def errors(asked: Sequence[Unknown], z: Array, recordings: Sequence[LampRecording] = train) -> list[Array]:
-            """Return each recording's errors, shape (k, N, n) [rad]."""
+            """Return each recording's errors, shape (k, N, n) [rad]; NaN where nothing was read."""
+            nonlocal simulated
             lanes = twins(asked, z)
             shots = pool.map(lambda recording: simulate(recording, lanes), recordings)
-            return [
-                np.nan_to_num(shot.angle - recording.run.angle[recording.rows])
+            found = [
+                shot.angle - recording.run.angle[recording.rows]
                 for shot, recording in zip(shots, recordings, strict=True)
             ]
+            simulated += len(lanes)
+            share(simulated / expected)
+            return found
 
         count = 0
 
@@ -162,15 +174,14 @@ def fit_lamp(
             known = (np.sqrt(np.diag(spread)) < IDENTIFIED) & (np.abs(found.z) < _BOUND * MOST)
             z = conditioned(found.z, spread, known)
             after = {
-                recording.name: float(np.abs(error).mean())
+                recording.name: float(np.nanmean(np.abs(error)))
                 for recording, error in zip(clamped, errors(asked, z[:, None], clamped), strict=True)
             }
             return _Joints(asked, z, spread, after)
 
-        asked = unknowns(lamp, base, names)
-        start = np.zeros(len(asked))
-        before = [float(np.abs(error).mean()) for error in errors(asked, start[:, None], clamped)]
+        before = [float(np.nanmean(np.abs(error))) for error in errors(asked, start[:, None], clamped)]
         found = minimise(lambda z: errors(asked, z), start, iterations, told)
+        simulated = max(simulated, rigid)
         joints = settle(asked, found)
         seen = [recording.name for recording in train]
         left_out = joints.error(joints.mae.keys() - seen), math.nan

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from robolamp.calibrate.recordings import COUNTS_PER_RADIAN, FULL_DUTY, Recording
 from robolamp.calibration import JOINT, SERVO
 from robolamp.errors import FileError
-from robolamp.twin.pendulum import FIRM, POINT, QUICK
+from robolamp.twin.pendulum import FIRM, POINT, QUICK, Load
 from robolamp.twin.servo import REFERENCE_TEMPERATURE
 
 Array = NDArray[np.float64]
@@ -103,7 +103,7 @@ class Track:
         )
         self.start = np.array(start(recording))
         self.release = recording.release - begin
-        self.mass, self.length = float(recording.mass or 0.0), float(recording.length or 0.0)
+        self.load = Load(float(recording.mass or 0.0), float(recording.length or 0.0), recording.arm_mass)
 
 
 class Pendulum:
@@ -151,7 +151,7 @@ class Pendulum:
                 track = self._tracks[index]
                 for values, row in zip(parameters[share], angles[share], strict=True):
                     _swing(
-                        values, track.mass, track.length, self.timestep, track.release, volts, track.start,
+                        values, track.load.moment, track.load.inertia, self.timestep, track.release, volts, track.start,
                         *track.arrays, row,
                     )  # fmt: skip
 
@@ -214,8 +214,8 @@ def goal_of_step(times: Array, goals: Array, at: int, begin: float, end: float) 
 @njit(nogil=True, error_model="numpy")
 def _swing(
     p: Array,
-    mass: float,
-    length: float,
+    moment: float,
+    own: float,
     timestep: float,
     release: float,
     more: float,
@@ -231,13 +231,13 @@ def _swing(
 ) -> None:
     """Simulate one recording with one parameter set; the arrays and `release` are those of `Track`.
 
-    `more` is added to the supply [V].
+    `moment` [kg m] and `own` [kg m^2] are the load's; `more` is added to the supply [V].
 
     implicitfast integration, and the friction constraint in closed form: with one degree of freedom it is
     clip(-M d (a0 + b w), -loss, loss), b = 2 / (d time constant) (MuJoCo's documentation, "Computation").
     """
-    inertia = p[_ARMATURE] + mass * length * length + POINT
-    weight, damp = mass * _GRAVITY * length, 2.0 / (FIRM * QUICK)
+    inertia = p[_ARMATURE] + own + POINT
+    weight, damp = moment * _GRAVITY, 2.0 / (FIRM * QUICK)
     offset, k = p[_OFFSET], p[_K]
     angle, speed = begin[0] - offset, begin[1]
     at, row, done, step = 0, 0, 0, 0

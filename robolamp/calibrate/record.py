@@ -18,7 +18,7 @@ from robolamp.controller.file import load_controller
 from robolamp.controller.pilot import Pilot
 from robolamp.dynamixel.bus import PATIENCE, Port
 from robolamp.errors import FileError, SafetyError
-from robolamp.files import alone, sha256
+from robolamp.files import alone, sha256, suffix_of
 from robolamp.foot.sensor import ByteSource
 from robolamp.lamp import Lamp
 from robolamp.log.context import run_context
@@ -154,7 +154,7 @@ def _open(session: Session) -> Manifest:
     ours = hashlib.sha256(session.lamp.source.encode()).hexdigest()
     found = load_manifest(session.folder)
     if found is None:
-        others = sorted(item.name for item in session.folder.glob("*.mcap"))
+        others = sorted(item.name for item in session.folder.iterdir() if suffix_of(item) == ".mcap")
         if others:
             raise FileError(f"holds {others[0]}, but no manifest; give a new or empty folder", str(session.folder))
         return Manifest(ours, session.source, session.by, session.date, servo=session.servo)

@@ -1,39 +1,40 @@
 """Recordings of one servo each, whatever made them: robolamp's logs, BAM's recorder, or a table of numbers.
 
     *.mcap   a log of robolamp: one recording a joint; of a servo's bench, with its pendulum
-    *.json   Rhoban/bam: `mass`, `length`, `kp`, `trajectory`, and `entries` with `timestamp`, `goal_position`,
-             `position`, `speed`, `load`, `input_volts`, `temp`, `torque_enable`
+    *.json   Rhoban/bam: `mass`, `arm_mass`, `length`, `kp`, `trajectory`, and `entries` with `timestamp`,
+             `goal_position`, `position`, `speed`, `load`, `input_volts` (without them, `vin`), `temp`, `torque_enable`
     *.csv    columns time_s, goal_rad, angle_rad, and where known those of COLUMNS; lines `# key = value` before the
-             header give `servo`, `joint`, `p_gain`, `mass` [kg] and `length` [m]
+             header give `servo`, `joint`, `p_gain`, `mass` and `arm_mass` [kg] and `length` [m]
 
+Endings are taken in capitals, too. What is left out of a recording is noted in it; of a folder it is told.
 `robolamp.calibrate.soundness` says what is wrong with one.
 """
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
-import json
 import math
-import re
-import tomllib
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robolamp.calibrate.manifest import NAME as MANIFEST
+from robolamp.calibrate.recording_table import parse_table
 from robolamp.dynamixel.wire import wire_time
 from robolamp.errors import FileError
-from robolamp.files import read_text, sha256
+from robolamp.files import is_file, kind_of, parse_json, parse_toml, read_text, sha256, shown, suffix_of
 from robolamp.log.reader import Run, read_run
 
 Array = NDArray[np.float64]
 
 SUFFIXES = (".mcap", ".json", ".csv")
 """Of the files that hold recordings."""
+
+_LISTED = 10  # names in a line
 
 FULL_DUTY = 885.0
 """PWM counts of full duty (e-manual, "PWM Limit")."""
@@ -50,6 +51,7 @@ _BAM_SERVOS = {
     "xl330-m077": "XL330-M077-T",
     "xl430": "XL430-W250-T",
 }
+_BAM_KEYS = ("mass", "arm_mass", "length", "kp", "vin", "motor", "trajectory", "entries", "dt")
 
 
 @dataclass(frozen=True)
@@ -76,8 +78,10 @@ class Recording:
         p_gain: Position P Gain register (84), shape (k,).
         mass: Of the pendulum's weight [kg]; None: not on a pendulum bench. Angle 0 is hanging straight down.
         length: From the shaft to the weight [m].
+        arm_mass: Of the pendulum's arm, an even rod [kg].
         trajectory: What was played; empty where the file does not say.
         release: When torque went off for good, where that is known more exactly than `torque` tells [s]; else infinite.
+        notes: What was left out or filled in, one line each.
     """
 
     name: str
@@ -99,8 +103,10 @@ class Recording:
     p_gain: Array = field(repr=False)
     mass: float | None = None
     length: float | None = None
+    arm_mass: float = 0.0
     trajectory: str = ""
     release: float = math.inf
+    notes: tuple[str, ...] = ()
 
     @property
     def duration(self) -> float:
@@ -113,27 +119,12 @@ class Recording:
         return self.mass is not None and self.length is not None
 
 
-COLUMNS: Mapping[str, str] = {
-    "time_s": "when the angle was sampled",
-    "goal_rad": "the goal",
-    "angle_rad": "the angle",
-    "goal_time_s": "when the goal was sent; without it, time_s",
-    "velocity_rad_s": "measured velocity",
-    "current_a": "Present Current",
-    "duty": "Present PWM as a share of full duty, -1 to 1",
-    "voltage_v": "supply voltage as read",
-    "temperature_c": "temperature",
-    "torque": "Torque Enable, 0 or 1; without it, 1",
-    "p_gain": "Position P Gain register (84), where it is not one for the whole file",
-}
-"""Columns of a CSV recording; the first three are required."""
-
-
-def read_recordings(paths: Iterable[Path]) -> list[Recording]:
+def read_recordings(paths: Iterable[Path], told: Callable[[str], None] = lambda _text: None) -> list[Recording]:
     """Read every recording of files and folders (all files in them, and below, that may hold one).
 
     Args:
         paths: Files or folders.
+        told: Called with a line for whatever is left out or filled in: of a folder, of a recording.
 
     Returns:
         In the order given, folders in the order of their files' names; a file given twice counts once.
@@ -143,14 +134,27 @@ def read_recordings(paths: Iterable[Path]) -> list[Recording]:
     """
     found: dict[Path, None] = {}
     for path in paths:
-        if path.is_dir():
-            inside = sorted(item for item in path.rglob("*") if item.suffix in SUFFIXES and item.is_file())
-            if not inside:
-                raise FileError(f"holds no recording ({', '.join(SUFFIXES)})", str(path))
-            found.update(dict.fromkeys(inside))
-        else:
+        if kind_of(path) != "a folder":
             found[path] = None
-    return [recording for path in found for recording in read_recording(path)]
+            continue
+        inside = [item for item in sorted(path.rglob("*")) if not item.is_dir() and not item.name.startswith(".")]
+        kept = [item for item in inside if suffix_of(item) in SUFFIXES and kind_of(item) == "file"]
+        if not kept:
+            raise FileError(f"holds no recording ({', '.join(SUFFIXES)})", str(path))
+        others = [str(item.relative_to(path)) for item in inside if item not in kept and item.name != MANIFEST]
+        if others:
+            told(f"{path}: left out, as no recordings ({', '.join(SUFFIXES)}): {_listed(others)}")
+        found.update(dict.fromkeys(kept))
+    recordings = [recording for path in found for recording in read_recording(path)]
+    for recording in recordings:
+        for note in recording.notes:
+            told(f"{recording.name}: {note}")
+    return recordings
+
+
+def _listed(names: list[str]) -> str:
+    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return ", ".join(names[:_LISTED]) + more
 
 
 def read_recording(path: Path) -> list[Recording]:
@@ -159,15 +163,27 @@ def read_recording(path: Path) -> list[Recording]:
     Raises:
         FileError: The file is missing or malformed.
     """
-    if not path.is_file():
+    if not is_file(path):
         raise FileError("no such file", str(path))
-    if path.suffix == ".mcap":
-        return _read_log(path)
-    if path.suffix == ".json":
-        return [_read_bam(path)]
-    if path.suffix == ".csv":
-        return [_read_csv(path)]
-    raise FileError(f"not a recording; expected one of {', '.join(SUFFIXES)}", str(path))
+    if suffix_of(path) == ".mcap":
+        found = _read_log(path)
+    elif suffix_of(path) == ".json":
+        found = [_read_bam(path)]
+    elif suffix_of(path) == ".csv":
+        found = [_read_csv(path)]
+    else:
+        raise FileError(f"not a recording; expected one of {', '.join(SUFFIXES)}", str(path))
+    return [replace(recording, notes=(*recording.notes, *_filled(recording))) for recording in found]
+
+
+def _filled(recording: Recording) -> list[str]:
+    """Return notes of readings that are missing here and there, and what stands for them."""
+    count, notes = len(recording.time), []
+    for name, stands in (("voltage", "the median of the others"), ("temperature", "the reference temperature")):
+        missing = int(np.count_nonzero(~np.isfinite(getattr(recording, name))))
+        if 0 < missing < count:
+            notes.append(f"{missing} of {count} samples without a {name}: {stands} is taken for it")
+    return notes
 
 
 def _read_log(path: Path) -> list[Recording]:
@@ -187,6 +203,7 @@ def _read_log(path: Path) -> list[Recording]:
     for column, joint in enumerate(run.joints):
         servo, p_gain = described.get(joint, ("", math.nan))
         measured = np.isfinite(run.angle[:, column])  # an answer that was missed is no sample
+        missed = int(np.count_nonzero(~measured))
         rows = {
             "time": sampled[:, column],
             "goal_time": goal_time,
@@ -211,7 +228,9 @@ def _read_log(path: Path) -> list[Recording]:
                 trajectory=run.context.get("controller_name", ""),
                 mass=bench.get("mass"),
                 length=bench.get("length"),
+                arm_mass=bench.get("arm_mass", 0.0),
                 release=release,
+                notes=(f"{missed} of {measured.size} samples left out: the servo did not answer",) if missed else (),
                 **{name: values[measured] for name, values in rows.items()},
             )
         )
@@ -226,8 +245,8 @@ def _release(run: Run) -> float:
 
 def _described(lamp: str, path: Path) -> tuple[dict[str, tuple[str, float]], dict[str, float]]:
     """Return servo model and P gain of each joint from a lamp's description as logs keep it, and a bench's numbers."""
+    described = parse_toml(lamp, f"{path}, the lamp's description")
     try:
-        described = tomllib.loads(lamp)
         joints = {
             joint["name"]: (str(joint["servo"]), float(joint["position_p_gain"]))
             for joint in described.get("joint", [])
@@ -235,50 +254,59 @@ def _described(lamp: str, path: Path) -> tuple[dict[str, tuple[str, float]], dic
         bench = {}
         if "pendulum" in described:
             bench = {key: float(described["pendulum"][key]) for key in ("mass", "length")}
+            bench["arm_mass"] = float(described["pendulum"].get("arm_mass", 0.0))
             bench["baud"] = float(described["bus"]["baud"])
-        if (len(joints) != 1 and bench) or any(not 0 < value < math.inf for value in bench.values()):
-            raise ValueError
-    except (ValueError, KeyError, TypeError, AttributeError):
+            known = all(0 <= value < math.inf for value in bench.values())
+            if len(joints) != 1 or not known or not (bench["mass"] or bench["arm_mass"]) or not bench["length"]:
+                raise ValueError
+    except (ValueError, OverflowError, KeyError, TypeError, AttributeError):
         raise FileError("the lamp's description in the log is malformed", str(path)) from None
     return joints, bench
 
 
 def _read_bam(path: Path) -> Recording:
     text = read_text(path)
-    try:
-        data = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise FileError(f"not valid JSON: {error}", str(path)) from None
+    data = parse_json(text, str(path))
     entries = data.get("entries") if isinstance(data, dict) else None
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
         raise FileError("no list of `entries`; expected a recording of Rhoban/bam", str(path))
+    count = len(entries)
 
     def column(name: str, default: float | None = None) -> Array:
+        given = [name in entry for entry in entries]
+        if default is not None and not any(given):
+            return np.full(count, default)
         values = []
         for row, entry in enumerate(entries):
-            value = entry.get(name, default)
-            if not isinstance(value, int | float):
-                raise FileError(f"entries[{row}].{name}: {value!r} is not a number", str(path))
+            value = entry.get(name, None if default is None else math.nan)
+            legal = isinstance(value, int | float) and (name == "torque_enable" or not isinstance(value, bool))
+            if not legal or abs(value) > sys.float_info.max:
+                raise FileError(f"entries[{row}].{name}: {shown(value)} is not a number", str(path))
             values.append(float(value))
         return np.array(values)
 
-    def number(name: str) -> float:
-        value = data.get(name)
-        if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value) or value <= 0:
-            raise FileError(f"{name}: {value!r} is not a number above 0", str(path))
+    def number(name: str, *, zero: bool = False, default: float | None = None) -> float:
+        value = data.get(name, default)
+        legal = isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= sys.float_info.max
+        if not legal or (value == 0 and not zero):
+            raise FileError(f"{name}: {shown(value)} is not {'0 or ' if zero else ''}a number above 0", str(path))
         return float(value)
 
     load = column("load", math.nan)
     # Unsigned as read. For an XL330 it is the Present PWM: 885 at most, and P Gain / 256 times the error.
     load = np.where(load > 0x7FFF, load - 0x10000, load)
-    time, count = column("timestamp"), len(entries)
-    motor = str(data.get("motor", "")).lower()
+    time, torque = column("timestamp"), column("torque_enable", 1.0)
+    if not np.isin(torque, (0.0, 1.0)).all():
+        row = int(np.flatnonzero(~np.isin(torque, (0.0, 1.0)))[0])
+        raise FileError(f"entries[{row}].torque_enable: {torque[row]:g} is not true or false", str(path))
+    motor, arm_mass = str(data.get("motor", "")), number("arm_mass", zero=True, default=0.0)
+    unknown = [shown(key) for key in data if key not in _BAM_KEYS]
     return Recording(
         name=path.name,
         path=path,
         sha256=hashlib.sha256(text.encode()).hexdigest(),
         source="bam",
-        servo=_BAM_SERVOS.get(motor, str(data.get("motor", ""))),
+        servo=_BAM_SERVOS.get(motor.lower(), motor),
         joint="",
         time=time,
         goal_time=time - _BAM_GOAL_LEAD,
@@ -286,93 +314,43 @@ def _read_bam(path: Path) -> Recording:
         angle=column("position"),
         velocity=column("speed", math.nan),
         current=np.full(count, math.nan),
-        pwm=load / FULL_DUTY if count and np.nanmax(np.abs(load)) <= FULL_DUTY else np.full(count, math.nan),
-        voltage=column("input_volts", math.nan),
+        pwm=np.where((np.abs(load) > FULL_DUTY).any(), math.nan, load / FULL_DUTY),
+        voltage=column("input_volts", number("vin", default=math.nan) if "vin" in data else math.nan),
         temperature=column("temp", math.nan),
-        torque=column("torque_enable", 1.0) > 0,
+        torque=torque == 1.0,
         p_gain=np.full(count, number("kp")),
-        mass=number("mass"),
+        mass=number("mass", zero=arm_mass > 0.0),
         length=number("length"),
+        arm_mass=arm_mass,
         trajectory=str(data.get("trajectory", "")),
+        notes=(f"keys that robolamp does not know, left out: {', '.join(unknown)}",) if unknown else (),
     )
-
-
-_KEYS = ("servo", "joint", "p_gain", "mass", "length", "trajectory")
 
 
 def _read_csv(path: Path) -> Recording:
     text = read_text(path)
-    lines = text.splitlines()
-    keys: dict[str, str] = {}
-    start = 0
-    for start, line in enumerate(lines):
-        match = re.fullmatch(r"#\s*(\w+)\s*=\s*(.*?)\s*", line)
-        if match and match[1] not in _KEYS:
-            raise FileError(f"line {start + 1}: unknown key {match[1]!r}; expected {', '.join(_KEYS)}", str(path))
-        if match:
-            keys[match[1]] = match[2]
-        elif line.strip() and not line.startswith("#"):
-            break
-    rows = list(csv.reader(io.StringIO("\n".join(lines[start:]))))
-    header = [cell.strip() for cell in rows[0]] if rows else []
-    for name in header:
-        if name not in COLUMNS:
-            raise FileError(f"line {start + 1}: unknown column {name!r}; expected {', '.join(COLUMNS)}", str(path))
-    for name in list(COLUMNS)[:3]:
-        if name not in header:
-            raise FileError(f"line {start + 1}: no column {name}", str(path))
-    numbers = _numbers(rows[1:], header, start + 2, path)
-    columns = dict(zip(header, numbers.T, strict=True))
-    count = len(numbers)
-
-    def key(name: str) -> float | None:
-        if name not in keys:
-            return None
-        try:
-            value = float(keys[name])
-        except ValueError:
-            value = math.nan
-        if not 0 < value < math.inf:
-            raise FileError(f"{name}: {keys[name]!r} is not a number above 0", str(path))
-        return value
-
-    def known(name: str, default: float) -> Array:
-        return columns.get(name, np.full(count, default))
-
-    gain = key("p_gain")
+    table = parse_table(text, path)
+    columns, gain, arm_mass = table.columns, table.positive("p_gain"), table.positive("arm_mass", zero=True) or 0.0
     return Recording(
         name=path.name,
         path=path,
         sha256=hashlib.sha256(text.encode()).hexdigest(),
         source="csv",
-        servo=keys.get("servo", ""),
-        joint=keys.get("joint", ""),
+        servo=table.keys.get("servo", ""),
+        joint=table.keys.get("joint", ""),
         time=columns["time_s"],
         goal_time=columns.get("goal_time_s", columns["time_s"]),
         goal=columns["goal_rad"],
         angle=columns["angle_rad"],
-        velocity=known("velocity_rad_s", math.nan),
-        current=known("current_a", math.nan),
-        pwm=known("duty", math.nan),
-        voltage=known("voltage_v", math.nan),
-        temperature=known("temperature_c", math.nan),
-        torque=known("torque", 1.0) > 0,
-        p_gain=known("p_gain", math.nan if gain is None else gain),
-        mass=key("mass"),
-        length=key("length"),
-        trajectory=keys.get("trajectory", ""),
+        velocity=table.column("velocity_rad_s", math.nan),
+        current=table.column("current_a", math.nan),
+        pwm=table.column("duty", math.nan),
+        voltage=table.column("voltage_v", math.nan),
+        temperature=table.column("temperature_c", math.nan),
+        torque=table.column("torque", 1.0) == 1.0,
+        p_gain=table.column("p_gain", math.nan if gain is None else gain),
+        mass=table.positive("mass", zero=arm_mass > 0.0),
+        length=table.positive("length"),
+        arm_mass=arm_mass,
+        trajectory=table.keys.get("trajectory", ""),
     )
-
-
-def _numbers(rows: Sequence[list[str]], header: list[str], first: int, path: Path) -> Array:
-    numbers = []
-    for line, row in enumerate(rows, first):
-        if not row:
-            continue
-        if len(row) != len(header):
-            raise FileError(f"line {line}: {len(row)} values, expected {len(header)}", str(path))
-        try:
-            numbers.append([float(cell) if cell.strip() else math.nan for cell in row])
-        except ValueError as error:
-            raise FileError(f"line {line}: {error}", str(path)) from None
-    return np.array(numbers, dtype=np.float64).reshape(-1, len(header))

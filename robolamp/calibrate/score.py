@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,7 +68,10 @@ def parameters_of(recording: Recording, calibration: Calibration) -> dict[str, f
 
 
 def score_recordings(
-    recordings: Sequence[Recording], calibration: Calibration, workers: int | None = None
+    recordings: Sequence[Recording],
+    calibration: Calibration,
+    workers: int | None = None,
+    share: Callable[[float], None] = lambda _share: None,
 ) -> list[Score]:
     """Simulate each recording from its first sample to its last, with its goals and its supply as recorded.
 
@@ -76,11 +79,12 @@ def score_recordings(
         recordings: Sound pendulum recordings (see `soundness`).
         calibration: The calibration.
         workers: Threads; None: one for each core.
+        share: Called with the share that is done, 0 to 1.
 
     Raises:
         FileError: A recording is of a servo that the calibration does not have, not of a pendulum, or has no voltage.
     """
-    bench = Bench(recordings, workers=workers)
+    bench = Bench(recordings, workers=workers, share=share)
     fitted = calibration.provenance.get("recordings")
     known = {item.get("sha256") for item in fitted if isinstance(item, dict)} if isinstance(fitted, list) else None
     scores = []

@@ -88,7 +88,9 @@ def _lamp(name: str, servo: BareServo, load: PendulumLoad, path: Path, port: str
     described = {
         "name": name,
         "bus": {"baud": servo.baud},
-        "pendulum": {"mass": load.mass, "length": load.length},
+        "pendulum": {
+            "mass": load.mass, "length": load.length, **({"arm_mass": load.arm_mass} if load.arm_mass else {}),
+        },
         "joint": [
             {
                 "name": JOINT, "servo": servo.model, "id": servo.id, "sign": 1, "zero": servo.position,

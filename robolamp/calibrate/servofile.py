@@ -10,6 +10,7 @@ import numpy as np
 import tomlkit
 from tomlkit.items import InlineTable, Table
 
+from robolamp.assets import bare_name
 from robolamp.calibrate.fit import ServoFit, advice
 from robolamp.calibrate.score import BENCH
 from robolamp.calibration import JOINT, SERVO, Parameter
@@ -31,7 +32,7 @@ def write_servo_file(path: Path, fit: ServoFit, *, by: str = "", date: str = "")
     Raises:
         FileError: It cannot be written.
     """
-    write_atomic(path, servo_file(path.stem, fit, by=by, date=date))
+    write_atomic(path, servo_file(bare_name(path.name), fit, by=by, date=date))
 
 
 def servo_file(name: str, fit: ServoFit, *, by: str = "", date: str = "") -> str:

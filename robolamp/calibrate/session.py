@@ -54,6 +54,11 @@ class LampRecording:
         return slice(self.first, self.last + 1)
 
     @property
+    def missing(self) -> int:
+        """How many readings of a joint's angle are missing among the ticks that count."""
+        return int(np.isnan(self.run.angle[self.rows]).sum())
+
+    @property
     def duration(self) -> float:
         """From the first tick that counts to the last [s]."""
         return float(self.run.began[self.last] - self.run.began[self.first])
@@ -112,6 +117,9 @@ def _cut(path: Path, lamp: Lamp, name: str, clamped: bool, travel: float | None,
     moving = np.flatnonzero(run.phase == "run")
     if moving.size < _LEAST_TICKS:
         raise FileError(f"too short: {moving.size} ticks of excitation, expected {_LEAST_TICKS} or more", str(path))
+    silent = [joint for joint, angle in zip(run.joints, run.angle[moving].T, strict=True) if np.isnan(angle).all()]
+    if silent:
+        raise FileError(f"holds no reading of {', '.join(silent)}; record it again", str(path))
     first = int(np.searchsorted(run.began, run.began[moving[0]] - LEAD))
     limp = np.flatnonzero(run.phase == "limp")
     last, limp_from = int(moving[-1]), np.inf

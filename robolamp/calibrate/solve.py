@@ -21,7 +21,7 @@ from robolamp.calibrate.unknowns import MOST
 
 Array = NDArray[np.float64]
 Errors = Callable[[Array], list[Array]]
-"""From a lamp a column, shape (m, k), to each recording's errors, shape (k, N, n) [rad]."""
+"""From a lamp a column, shape (m, k), to each recording's errors, shape (k, N, n) [rad]; NaN where nothing was read."""
 
 NOISE = 0.010
 """What a residual of the first fit is measured in [rad]: ten times the encoder's noise, for errors of a model last long
@@ -116,13 +116,13 @@ def stepped(errors: Errors, z: Array) -> list[Array]:
 
 
 def residuals(found: Sequence[Array], z: Array) -> Array:
-    """Return what is minimised: errors in NOISE, and the priors' own, a column a lane.
+    """Return what is minimised: errors in NOISE, and the priors' own, a column a lane; what is missing pulls nowhere.
 
     Args:
         found: Each recording's errors, shape (k, N, n) [rad].
         z: The lanes' unknowns, shape (m, k).
     """
-    parts = [error[:, ::_EVERY].reshape(len(error), -1) / NOISE for error in found]
+    parts = [np.nan_to_num(error[:, ::_EVERY]).reshape(len(error), -1) / NOISE for error in found]
     return np.concatenate([np.concatenate(parts, axis=1).T, z])
 
 
@@ -172,10 +172,13 @@ def covariance(shots: Sequence[Array]) -> Array:
     for error in shots:
         jacobian = (error[1:] - error[0]) / STEP
         for joint in range(error.shape[2]):
-            left = error[0, :, joint]
+            known = np.isfinite(error[0, :, joint])
+            if not known.any():
+                continue
+            left = error[0, known, joint]
             variance = float(np.mean(left * left)) + 1e-8  # and never below the encoder's own 0.1 mrad
             inflation = correlation_time(left)
-            j = jacobian[:, :, joint]
+            j = jacobian[:, known, joint]
             information += j @ j.T / (variance * inflation)
     return np.asarray(np.linalg.inv(information), np.float64)
 

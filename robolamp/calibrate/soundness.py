@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robolamp.calibrate.recordings import Recording
 from robolamp.errors import FileError, RobolampError
@@ -12,6 +14,15 @@ from robolamp.errors import FileError, RobolampError
 _LEAST_SAMPLES = 50  # fewer than the parameters of a servo leave over, and shorter than its slowest time constant
 _LEAST_TIME = 0.5  # [s]
 _LEAST_MOTION = 0.02  # an angle that stays within 13 encoder counts says nothing about friction in motion [rad]
+_MOST_TIME = 3600.0  # chosen: ten times a bench's whole session; beyond it a time is likely of another unit [s]
+_SLOWEST = 0.1  # between samples, on the whole: chosen; a servo answers a goal within it [s]
+_LATEST_GOAL = 1.0  # between a goal and its sample: chosen; ten cycles of the slowest recording [s]
+_TURN = 2 * math.pi  # what a servo's goals can span in position mode (e-manual, "Goal Position") [rad]
+_MOST_ANGLE = 2 * _TURN  # chosen: an arm that is let go swings through once at most [rad]
+_JUMP = math.pi  # between two samples: twice what an arm falls through in the longest step [rad]
+_GOAL_JUMP = 0.75 * _TURN  # a goal may step across the whole of a half circle to either side [rad]
+_SUPPLY = (1.0, 30.0)  # chosen: around what any servo that robolamp knows is fed, however badly it reads [V]
+_UNITS = (0.4, 2.5)  # velocity as read by that of the angle: chosen; deg/s, rpm and milliseconds are farther off
 _LONGEST_GAP = 0.1  # the goal may have changed unseen, and a pendulum swings through its whole arc [s]
 _GAP = 10.0  # and this many times the usual step: a slow recording has no gaps of its own
 _APPROACH = 4  # samples before an extreme that tell the speed it is reached at
@@ -43,6 +54,7 @@ def faults(recording: Recording) -> list[str]:
     if (step <= 0).any():
         row = int(np.flatnonzero(step <= 0)[0])
         return [f"time goes backwards or stands still: {recording.time[row + 1]:g} s after {recording.time[row]:g} s"]
+    found += _units(recording, step)
     if recording.duration < _LEAST_TIME:
         found.append(f"too short: {recording.duration:.2f} s, expected {_LEAST_TIME} s or more")
     longest = int(np.argmax(step))
@@ -57,6 +69,62 @@ def faults(recording: Recording) -> list[str]:
     if not (np.isfinite(gain) & (gain > 0)).all():
         found.append("the Position P Gain is not known, or not above 0")
     return found
+
+
+def _units(recording: Recording, step: NDArray[np.float64]) -> list[str]:
+    """Return what speaks for other units than seconds, radians and volts, or for angles that begin anew at a turn."""
+    time, goal, angle, found = recording.time, recording.goal, recording.angle, []
+    usual = float(np.median(step))
+    if usual > _SLOWEST:
+        found.append(
+            f"a sample every {usual:g} s, expected one each {_SLOWEST:g} s or oftener: are these milliseconds?"
+        )
+    if recording.duration > _MOST_TIME:
+        found.append(f"too long: {recording.duration:g} s, expected {_MOST_TIME:g} s or less: are these milliseconds?")
+    late = np.abs(recording.goal_time - time)
+    if (np.diff(recording.goal_time) < 0).any() or late.max() > _LATEST_GOAL:
+        row = int(np.argmax(late))
+        found.append(
+            f"the times of goals go backwards, or away from those of samples: {recording.goal_time[row]:g} s for the "
+            f"sample at {time[row]:g} s, expected {_LATEST_GOAL:g} s or less between them"
+        )
+    for name, values, most, jump in (("angle", angle, _MOST_ANGLE, _JUMP), ("goal", goal, _TURN, _GOAL_JUMP)):
+        change = np.diff(values)
+        row = int(np.argmax(np.abs(change)))
+        largest = float(values[np.argmax(np.abs(values))])
+        if abs(largest) > most:
+            found.append(
+                f"the {name} is {largest:g}, expected {-most:.2f} to {most:.2f} rad: are these degrees, or counts?"
+            )
+        elif abs(change[row]) > jump:
+            found.append(
+                f"the {name} jumps by {change[row]:+.2f} rad at {time[row + 1]:.2f} s: does it begin anew at a turn? "
+                "Expected angles that go on"
+            )
+    if not found and recording.torque.any():
+        away = float(np.median((angle - goal)[recording.torque]))
+        if abs(away) > math.pi:
+            found.append(f"the angle is {away:+.2f} rad from its goal on the whole, expected less than half a turn")
+    volts = recording.voltage[np.isfinite(recording.voltage)]
+    outside = volts[(volts < _SUPPLY[0]) | (volts > _SUPPLY[1])]
+    if outside.size:
+        found.append(
+            f"the supply reads {outside[0]:g} V, expected {_SUPPLY[0]:g} to {_SUPPLY[1]:g} V: tenths, or missing?"
+        )
+    return found or _speed_units(recording)
+
+
+def _speed_units(recording: Recording) -> list[str]:
+    """Return a fault where the velocity is not the angle's: one of the three columns is in another unit."""
+    measured = recording.velocity
+    seen = np.gradient(recording.angle, recording.time)
+    known = np.isfinite(measured)
+    if not (measured[known] != 0.0).any():  # not measured: a recording begins at rest then
+        return []
+    share = float(np.sum(measured[known] * seen[known]) / max(np.sum(seen[known] ** 2), 1e-12))
+    if _UNITS[0] <= share <= _UNITS[1] or np.ptp(recording.angle) < _LEAST_MOTION:
+        return []
+    return [f"the velocity is {share:.3g} times what angle and time say, expected 1: is one of them in another unit?"]
 
 
 def _clipped(recording: Recording) -> list[str]:

@@ -30,7 +30,7 @@ class Simulated:
     """What k lamps did in one recording of N samples.
 
     Attributes:
-        angle: Joint angles when they were measured, shape (k, N, n) [rad].
+        angle: Joint angles when they were measured, shape (k, N, n) [rad]; NaN where they were not.
         force: Floor force on the foot, shape (k, N) [N].
         base_x: Base centre, shape (k, N) [m].
         contact_time: Time of each physics step, shape (S,) [s].
@@ -89,8 +89,8 @@ def simulate(recording: LampRecording, twins: Sequence[TwinModel]) -> Simulated:
     # Goals are under way and the foot is on the floor now; the joints fell a little until the goals came.
     drive.turn(_first_known(run.angle[rows]))
     qvel[:] = 0.0
-    begin = float(run.sampled_at[recording.first].min())
-    count = round((float(np.nanmax(run.sampled_at[recording.last])) - begin) / dt) + 2
+    begin = float(np.nanmin(run.sampled_at[rows]))
+    count = round((float(np.nanmax(run.sampled_at[rows])) - begin) / dt) + 2
     time = np.asarray(begin + dt * np.arange(count), np.float64)
     goals = goals_by_step(hold, run.goal[rows], run.write_done[rows] - begin, dt, count)
     at_tick = np.clip(np.searchsorted(run.began[rows], time, side="right") - 1, 0, None)
@@ -115,6 +115,7 @@ def simulate(recording: LampRecording, twins: Sequence[TwinModel]) -> Simulated:
     for joint in range(len(twin.qpos)):
         angle[:, :, joint] = _at(measured_at[:, joint], begin, dt, angles[:, :, joint]).T
     angle[diverged] = run.angle[rows] + _RESIDUAL_OF_CHAOS
+    angle[:, ~np.isfinite(measured_at)] = np.nan
     foot_at = run.measured_at[rows] - run.foot_age[rows]
     return Simulated(
         angle=angle,

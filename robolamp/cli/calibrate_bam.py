@@ -10,6 +10,7 @@ from cyclopts import Parameter
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.cli.output import print_json
+from robolamp.files import suffix_of
 
 
 def bam(
@@ -35,7 +36,7 @@ def bam(
     from robolamp.calibrate.bam import export_bam, import_bam  # tomlkit and the rest load after the arguments
 
     assets = Assets.of(lamp)
-    if Path(file).suffix == ".json":
+    if suffix_of(Path(file)) == ".json":
         left_out = import_bam(Path(file), output, servo, load_calibration(assets, base))
     else:
         left_out = export_bam(load_calibration(assets, file), output, servo)
@@ -43,6 +44,6 @@ def bam(
         print_json({"file": output, "left_out": left_out})
     else:
         for line in left_out:
-            print(f"left out: {line}")
+            print(f"left out: {line}" if " = " in line else line)
         print(output)
     return 0

@@ -11,6 +11,7 @@ from cyclopts import Parameter, validators
 
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
+from robolamp.cli.bar import bar, note
 from robolamp.cli.output import print_json
 
 
@@ -53,17 +54,22 @@ def fit(
     from robolamp.calibration import JOINT, SERVO
 
     known = load_calibration(Assets.of(lamp), base)
-    found = read_recordings(recordings)
+    notes: list[str] = []
+    found = read_recordings(recordings, notes.append)
     require_sound(found)
-    result = fit_servo(
-        found,
-        known,
-        leave_out=leave_out or (),
-        seed=seed,
-        starts=starts,
-        workers=workers,
-        told=lambda line: print(line, file=sys.stderr, flush=True),
-    )
+    for text in notes if not as_json else []:
+        note(text)
+    with bar("fitting", quiet=as_json) as share:
+        result = fit_servo(
+            found,
+            known,
+            leave_out=leave_out or (),
+            seed=seed,
+            starts=starts,
+            workers=workers,
+            told=lambda line: print(line, file=sys.stderr, flush=True),
+            share=share,
+        )
     write_servo_file(output, result, by=by, date=datetime.date.today().isoformat())
     legal, values, stderr = {**SERVO, **JOINT}, result.solution.values, result.stderr
     if as_json:
@@ -91,6 +97,7 @@ def fit(
                     for each in result.ladder
                 ],
                 "findings": advice(result),
+                "notes": notes,
                 "wall_s": result.seconds,
                 "servo_s": result.servo_seconds,
             }

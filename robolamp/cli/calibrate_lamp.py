@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from robolamp.cli.bar import bar
 from robolamp.cli.options import Setup
 from robolamp.cli.output import print_json
 
@@ -79,14 +80,16 @@ def fit_session(
     def progress(text: str) -> None:
         print(f"{time.monotonic() - began:5.0f} s  {text}", flush=True)
 
-    fit = fit_lamp(
-        recorded,
-        setup.lamp,
-        setup.calibration,
-        setup.assets,
-        gears=not rigid,
-        progress=(lambda text: None) if quiet else progress,
-    )
+    with bar("fitting", quiet=quiet) as share:
+        fit = fit_lamp(
+            recorded,
+            setup.lamp,
+            setup.calibration,
+            setup.assets,
+            gears=not rigid,
+            progress=(lambda text: None) if quiet else progress,
+            share=share,
+        )
     write_lamp_file(output, fit, recorded, setup.lamp, setup.calibration)
     judged = verdict(fit)
     facts = {

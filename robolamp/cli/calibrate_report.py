@@ -7,6 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from robolamp.cli.bar import note
 from robolamp.cli.options import Setup
 from robolamp.cli.output import counted, print_json
 from robolamp.errors import RobolampError
@@ -39,6 +40,7 @@ def report(
     from robolamp.calibrate.report import write_report  # after the arguments are checked
     from robolamp.calibrate.session import read_session
     from robolamp.calibrate.shown import show_bench, show_session
+    from robolamp.calibrate.soundness import require_sound
 
     shown, benches = [], []
     for path in recordings:
@@ -48,13 +50,18 @@ def report(
             shown += show_session(session, setup.lamp, setup.calibration, setup.assets)
         else:
             benches.append(path)
+    notes: list[str] = []
     if benches:
-        shown += show_bench(read_recordings(benches), setup.calibration)
+        found = read_recordings(benches, notes.append)
+        require_sound(found)
+        shown += show_bench(found, setup.calibration)
+    for text in notes if not as_json else []:
+        note(text)
     write_report(output, setup.calibration, shown)
     mean = sum(one.mae for one in shown) / len(shown) * 1e3
     if as_json:
         files = [{"file": one.name, "mae_mrad": one.mae * 1e3, "fitted": one.fitted} for one in shown]
-        print_json({"report": output, "recordings": files, "mae_mrad": mean})
+        print_json({"report": output, "recordings": files, "mae_mrad": mean, "notes": notes})
     else:
         print(f"{counted(len(shown), 'recording')}, on average {mean:.1f} mrad\nreport {output}")
     return 0

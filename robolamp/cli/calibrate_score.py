@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
+from robolamp.cli.bar import bar, note
 from robolamp.cli.output import counted, print_json
 
 
@@ -30,16 +31,20 @@ def score(
         recordings: Recordings, or folders of them: of `robolamp calibrate record --servo` (.mcap), .json of Rhoban/bam,
             .csv.
         lamp: A folder of your own lamp, laid out like robolamp's.
-        as_json: Print one JSON object: recordings (file, mae_mrad, seen), mae_mrad, mae_unseen_mrad.
+        as_json: Print one JSON object: recordings (file, mae_mrad, seen), mae_mrad, mae_unseen_mrad, notes.
     """
     from robolamp.calibrate.recordings import read_recordings  # mujoco and numba load after the arguments
     from robolamp.calibrate.score import mean_error, score_recordings
     from robolamp.calibrate.soundness import require_sound
 
     calibration = load_calibration(Assets.of(lamp), file)
-    found = read_recordings(recordings)
+    notes: list[str] = []
+    found = read_recordings(recordings, notes.append)
     require_sound(found)
-    scores = score_recordings(found, calibration)
+    for text in notes if not as_json else []:
+        note(text)
+    with bar("simulating", quiet=as_json) as share:
+        scores = score_recordings(found, calibration, share=share)
     unseen = mean_error([each for each in scores if each.seen is False])
     if as_json:
         print_json(
@@ -50,6 +55,7 @@ def score(
                 ],
                 "mae_mrad": mean_error(scores) * 1e3,
                 "mae_unseen_mrad": unseen * 1e3,
+                "notes": notes,
             }
         )
         return 0

@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from robolamp.assets import bare_name
 from robolamp.cli.options import Setup, goal_range, length
 from robolamp.controller.file import Controller, load_controller, read_figure
 from robolamp.errors import FileError, RobolampError
 from robolamp.figure import LAMP, Figure, figures, load_figure
+from robolamp.files import is_file, kind_of, suffix_of
 
 if TYPE_CHECKING:
     from robolamp.evolve.task import Task
@@ -118,18 +120,12 @@ def stage_of(setup: Setup, name: str, task: str | None, refused: Mapping[str, An
 
 def _located(setup: Setup, name: str) -> Path | None:
     """Return a figure's controller, or any file; None where only the lamp's folder can have it."""
-    path = Path(name)
-    try:
-        if path.is_file():
-            return None if path.suffix == ".mcap" else path
-    except OSError:  # such as a name that is too long; told where the lamp's are looked up
-        return None
-    if path.parent != Path() or path.suffix not in ("", ".toml"):
-        return None
+    path, bare = Path(name), bare_name(name)
+    if kind_of(path) == "file":
+        return None if suffix_of(path) == ".mcap" else path
     folders: Sequence[str] = (LAMP, *figures(setup.assets))
     for folder in folders:
-        for root in setup.assets.roots():
-            candidate = root / "sim" / folder / "controllers" / f"{path.stem}.toml"
-            if candidate.is_file():
-                return candidate
+        for item in setup.assets.all(f"sim/{folder}/controllers"):
+            if item.stem == bare and is_file(item):
+                return item
     return None

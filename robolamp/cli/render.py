@@ -16,7 +16,7 @@ from robolamp.cli.pole import pole_of
 from robolamp.controller.file import Controller, check_goal_time
 from robolamp.controller.terminals import all_terminals, figure_terminals
 from robolamp.errors import RobolampError
-from robolamp.files import write_atomic
+from robolamp.files import suffix_of, write_atomic
 from robolamp.twin.arena import FigureFleet
 from robolamp.twin.figure import FigureTwin
 from robolamp.twin.fleet import Fleet, Job
@@ -74,7 +74,7 @@ def render(
         opengl: Without it, draw side views of the links even where OpenGL is to be had.
         as_json: Print one JSON object.
     """
-    if output.suffix not in (".png", *_ANIMATIONS):
+    if suffix_of(output) not in (".png", *_ANIMATIONS):
         raise RobolampError(f"{output.name!r} does not end in .png, .gif or .mp4", "--output")
     setup = Setup.of(lamp, calibration)
     limbo = pole_of(pole, pole_at)
@@ -85,7 +85,7 @@ def render(
     stage, point = stage_of(setup, run, task, lamp_alone), None
     if stage is not None:
         model, time, motions, point = _staged(stage, goal, duration)
-    elif run.endswith(".mcap"):
+    elif suffix_of(Path(run)) == ".mcap":
         if limbo is not None:
             raise RobolampError("is for a controller; no log has a pole", "--pole")
         model, time, motions = _logged(run, truth, setup, with_twin=twin)
@@ -99,7 +99,7 @@ def render(
     shown = _moving(time, np.hstack(list(motions.values())))
     time, motions = time[shown] - time[shown][0], {name: poses[shown] for name, poses in motions.items()}
     travel = _travel(next(iter(motions.values())), stage is not None)
-    if output.suffix == ".png":
+    if suffix_of(output) == ".png":
         picked = np.linspace(0, len(time) - 1, _POSES).round().astype(int)
         labels = [f"{time[i]:.2f} s   {100 * travel[i]:.1f} cm" for i in picked]
         drawn = {name: poses[picked] for name, poses in motions.items()}
@@ -111,7 +111,7 @@ def render(
             pictures = animation(model, next(iter(drawn.values())), opengl=opengl, point=point)
         else:
             pictures = beside(model, drawn, opengl=opengl)
-        data = _ANIMATIONS[output.suffix](pictures, _FRAME)
+        data = _ANIMATIONS[suffix_of(output)](pictures, _FRAME)
     write_atomic(output, data)
     if as_json:
         print_json({"picture": output, "duration_s": time[-1], "travel_m": travel[-1]})

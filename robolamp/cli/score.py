@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from robolamp.cli.bar import bar
 from robolamp.cli.figures import stage_of
 from robolamp.cli.options import DURATION, GOAL_TIME, Setup, goal_range
 from robolamp.cli.output import counted, print_json
@@ -111,7 +112,14 @@ def score(
     program = loaded.compile(all_terminals(joints))
     jobs = [Job(0, variant, float(goal), goal_time or 0.0) for variant in range(len(twins)) for goal in distances]
     parts = [jobs[start : start + _LANES_AT_ONCE] for start in range(0, len(jobs), _LANES_AT_ONCE)]
-    outcome = Outcome.join([fleet.run([program], part, duration or _DURATION) for part in parts])
+    with bar("simulating", quiet=as_json) as share:
+        outcomes = [
+            fleet.run(
+                [program], part, duration or _DURATION, done=lambda of, number=number: share((number + of) / len(parts))
+            )
+            for number, part in enumerate(parts)
+        ]
+    outcome = Outcome.join(outcomes)
     shape = (len(distances),) if lamps is None else (lamps, len(distances))
     if as_json:
         print_json(

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from robolamp.cli.bar import bar
 from robolamp.cli.figures import Stage
 from robolamp.cli.output import counted, print_json
 from robolamp.controller.terminals import figure_terminals
@@ -29,7 +30,8 @@ def score_figure(
     jobs = stage.jobs(goals, "--goals", seed)
     fleet = FigureFleet([stage.twin], controller.control_period, workers)
     program = controller.compile(figure_terminals(figure))
-    outcome = fleet.run([program], jobs, duration or stage.task.duration)
+    with bar("simulating", quiet=as_json) as done:
+        outcome = fleet.run([program], jobs, duration or stage.task.duration, done=done)
     fitness = weighted(outcome, stage.task.main) + weighted(outcome, stage.task.style)
     if as_json:
         print_json(

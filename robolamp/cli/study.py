@@ -18,6 +18,7 @@ from robolamp.evolve.progress import Generation
 from robolamp.evolve.study import HERE, STUDIES, TASK, Order, chosen_points, orders, settled
 from robolamp.evolve.study_report import Report, Reporter
 from robolamp.evolve.study_runs import Scale, Shelf, carry_out
+from robolamp.files import suffix_of
 
 _SPEED_OVER = 3600.0  # time left is reckoned from this long a while [s]: runs differ
 _ALL = "all"
@@ -75,7 +76,7 @@ def study(
     task = STUDIES[names[0]].task
     chosen = {name: chosen_points(STUDIES[name], points) for name in names}
     page = output / ("studies.md" if task == TASK else f"studies-{task}.md") if report is None else report
-    if page.suffix != ".md":
+    if suffix_of(page) != ".md":
         raise RobolampError(f"{str(page)!r} does not end in .md", "--report")
     setup, shelf = Setup.of(lamp, calibration), Shelf(output, task)
     scale = shelf.scale() if draw_only and not settings else _scale(setup, settings or (), task)

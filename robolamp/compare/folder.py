@@ -19,7 +19,7 @@ from robolamp.compare.replay import replay
 from robolamp.compare.run import compare_joints
 from robolamp.compare.side import of_replay, of_run
 from robolamp.errors import FileError, RobolampError
-from robolamp.files import read_text
+from robolamp.files import is_file, read_text, shown, suffix_of
 from robolamp.lamp import Lamp, load_lamp
 from robolamp.log.reader import read_run, read_truth
 
@@ -183,13 +183,14 @@ def compare_folder(path: Path, *, assets: Assets, calibration: Calibration) -> F
     lamp = load_lamp(assets)
     measured = _travels(path / TRAVELS)
     rows, skipped = [], []
-    for log in sorted(path.rglob("*.mcap")):
-        if log.name.endswith(("truth.mcap", ".twin.mcap")):
+    for log in sorted(path.rglob("*")):
+        if suffix_of(log) != ".mcap" or log.is_dir() or log.name.lower().endswith(("truth.mcap", ".twin.mcap")):
             continue
         try:
             rows.append(_row(log, lamp, calibration, assets, measured.get(log.relative_to(path).as_posix())))
         except RobolampError as error:
             skipped.append((log, error.message))
+    skipped += [(path / name, f"is in {TRAVELS}, but not here") for name in measured if not (path / name).is_file()]
     if not rows:
         why = f"; {skipped[0][0].name} {skipped[0][1]}" if skipped else ""
         raise FileError(f"holds no log (.mcap) that can be compared{why}", str(path))
@@ -219,13 +220,21 @@ def _row(log: Path, lamp: Lamp, calibration: Calibration, assets: Assets, travel
 
 
 def _travels(path: Path) -> dict[str, float]:
-    if not path.is_file():
+    if not is_file(path):
         return {}
     found: dict[str, float] = {}
-    for number, fields in enumerate(csv.reader(read_text(path).splitlines()), start=1):
-        if number == 1 and [field.strip() for field in fields] == ["log", "travel_m"]:
-            continue
-        found |= _travel(fields, f"{path}, line {number}")
+    reader = csv.reader(read_text(path).splitlines())
+    try:
+        for number, fields in enumerate(reader, start=1):
+            if number == 1 and [field.strip() for field in fields] == ["log", "travel_m"]:
+                continue
+            where = f"{path}, line {number}"
+            new = _travel(fields, where)
+            if new.keys() & found.keys():
+                raise FileError(f"{shown(*new)} stands twice", where)
+            found |= new
+    except csv.Error as error:
+        raise FileError(f"line {reader.line_num}: {error}", str(path)) from None
     return found
 
 
@@ -234,6 +243,8 @@ def _travel(fields: Sequence[str], where: str) -> dict[str, float]:
         return {}
     try:
         log, travel = fields
+        if not math.isfinite(float(travel)):
+            raise ValueError
         return {log.strip(): float(travel)}
     except ValueError:
-        raise FileError(f"{','.join(fields)!r} is not LOG,METRES, as run-3/log.mcap,0.281", where) from None
+        raise FileError(f"{shown(','.join(fields))} is not LOG,METRES, as run-3/log.mcap,0.281", where) from None

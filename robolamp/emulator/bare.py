@@ -128,10 +128,10 @@ class BareServos:
     def _motor(self, servo: BareServo) -> Motor | Pendulum:
         if servo.pendulum is None:
             return Motor(MODELS[servo.model], angle=servo.position, load=servo.load)
-        load, differs = servo.pendulum, self._reality
-        values = bent(load.values, differs)
+        pendulum, differs = servo.pendulum, self._reality
+        values = bent(pendulum.values, differs)
         noise = float(np.atleast_1d(differs.encoder_noise)[0])
-        return Pendulum(values, load.mass, load.length, TIMESTEP, zero=servo.position, noise=noise, seed=differs.seed)
+        return Pendulum(values, pendulum.load, TIMESTEP, zero=servo.position, noise=noise, seed=differs.seed)
 
     def _latency(self) -> Callable[[], float] | None:
         fixed, jitter = self._reality.latency, self._reality.jitter

@@ -13,7 +13,7 @@ from robolamp.calibration import JOINT, SERVO
 from robolamp.emulator.delay import DelayLine
 from robolamp.emulator.difference import PerJoint, Reality
 from robolamp.emulator.drive import Drive, Sensed
-from robolamp.twin.pendulum import pendulum_model
+from robolamp.twin.pendulum import Load, pendulum_model
 from robolamp.twin.servo import ServoParameters, friction_loss, weaken, write_motors
 
 _FRICTIONS = {
@@ -56,8 +56,7 @@ class Pendulum:
 
     Args:
         values: The servo's parameters by name, and `encoder_offset` [rad].
-        mass: Of the weight, a point [kg].
-        length: From the shaft to it [m].
+        load: The arm and its weight.
         timestep: Physics step [s].
         zero: Of the shaft, where the arm hangs straight down [rad].
         noise: Standard deviation of each reading of the encoder [rad].
@@ -68,8 +67,7 @@ class Pendulum:
     def __init__(
         self,
         values: Mapping[str, float],
-        mass: float,
-        length: float,
+        load: Load,
         timestep: float,
         *,
         zero: float = math.pi,
@@ -79,7 +77,8 @@ class Pendulum:
         self._servo = ServoParameters(**{name: np.array([values[name]]) for name in SERVO})
         self._offset, self._zero = values["encoder_offset"], zero
         self._model = model = pendulum_model(timestep)
-        model.body_mass[1], model.body_ipos[1, 2] = mass, -length
+        mass, centre, model.body_inertia[1] = load.body
+        model.body_mass[1], model.body_ipos[1, 2] = mass, -centre
         model.actuator_armature[0] = values["armature"]
         model.actuator_damping[0] = values["viscous"]
         model.actuator_gainprm[0, 1] = values["torque_constant"]

@@ -14,8 +14,9 @@ voltage = 12.0               # V, of its supply; the model's recommended one unl
 load = 0.0                   # kg m2, inertia on the shaft
 
 [servo.pendulum]             # instead of a load: an arm with a weight, hanging straight down at `position`
-mass = 0.2                   # kg, of the weight
+mass = 0.2                   # kg, of the weight; 0: the arm alone
 length = 0.1                 # m, from the shaft to its centre
+arm_mass = 0.0               # kg, of the arm from the shaft to there, an even rod
 swing = 1.5                  # rad, how far it may be swung to either side; as far as half the stall torque holds it
 calibration = "nominal"      # what the motor is calculated with: a file, or the name of one in calibration/
 """
@@ -32,11 +33,13 @@ from robolamp.calibration import load_calibration
 from robolamp.dynamixel.registers import BAUD_CODES, MODELS, RETURN_DELAY_UNIT
 from robolamp.emulator.motor import DATASHEETS
 from robolamp.files import Table, read_toml
+from robolamp.twin.pendulum import Load
 
 _RECOMMENDED_VOLTAGE: Mapping[str, float] = {"XL330-M288-T": 5.0, "XL330-M077-T": 5.0, "XL430-W250-T": 11.1}
 """[V] (e-manual, "Specifications", "Input Voltage")."""
 
 _MOST_DELAY = 254 * RETURN_DELAY_UNIT
+_LEAST_MASS = 0.01  # of a pendulum [kg]: less tells nothing about the servo
 _MOST_LOAD = 0.1  # kg m2: a metre of arm with 100 g at its end
 _GRAVITY = 9.81  # [m/s^2]
 _SWING_SHARE = 0.5  # of the stall torque that holding the arm out may take, where no swing is given
@@ -53,12 +56,19 @@ class PendulumLoad:
         length: From the shaft to it [m].
         swing: How far it may be swung to either side [rad].
         values: Parameters of the servo by name, and `encoder_offset`.
+        arm_mass: Of the arm, an even rod [kg].
     """
 
     mass: float
     length: float
     swing: float
     values: Mapping[str, float]
+    arm_mass: float = 0.0
+
+    @property
+    def load(self) -> Load:
+        """What the shaft turns."""
+        return Load(self.mass, self.length, self.arm_mass)
 
 
 @dataclass(frozen=True)
@@ -150,13 +160,16 @@ def _servo(table: Table, assets: Assets) -> BareServo:
 
 
 def _pendulum(table: Table, model: str, voltage: float, assets: Assets) -> PendulumLoad:
-    mass, length = table.number("mass", 0.01, 5.0, "kg"), table.number("length", 0.02, 1.0, "m")
+    arm_mass = table.number("arm_mass", 0.0, 5.0, "kg", default=0.0)
+    mass = table.number("mass", 0.0 if arm_mass >= _LEAST_MASS else _LEAST_MASS, 5.0, "kg")
+    length = table.number("length", 0.02, 1.0, "m")
     sheet = DATASHEETS[model]
     holds = sheet.stall_torque * voltage / sheet.voltage
-    share = _SWING_SHARE * holds / (mass * _GRAVITY * length)
+    share = _SWING_SHARE * holds / (Load(mass, length, arm_mass).moment * _GRAVITY)
     swing = math.asin(share) if share < 1.0 else math.pi / 2
     swing = table.number("swing", 0.1, math.pi / 2, "rad", default=swing)
     calibration = load_calibration(assets, table.text("calibration", default="nominal"))
     offset = calibration.joint(_BENCH, "encoder_offset")
     table.done()
-    return PendulumLoad(mass, length, swing, {**calibration.servo(model, _BENCH), "encoder_offset": offset})
+    values = {**calibration.servo(model, _BENCH), "encoder_offset": offset}
+    return PendulumLoad(mass, length, swing, values, arm_mass)

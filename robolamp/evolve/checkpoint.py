@@ -15,7 +15,7 @@ from robolamp.controller.expression import parse
 from robolamp.errors import ExpressionError, FileError
 from robolamp.evolve.representation import Representation
 from robolamp.evolve.tree import Genome
-from robolamp.files import read_text, write_atomic
+from robolamp.files import MOST_LOG, parse_json, read_text, write_atomic
 
 NAME = "checkpoint.json"
 """The file's name in a run's folder."""
@@ -119,13 +119,16 @@ def load_checkpoint(folder: Path, terminals: Sequence[str], representation: Repr
         FileError: There is none, or it is damaged.
     """
     path = folder / NAME
-    text = read_text(path)
+    text = read_text(path, MOST_LOG)
 
     def genome(texts: Sequence[str]) -> Genome:
         return tuple(parse(part, terminals, str(path)) for part in texts)
 
     try:
-        data: Mapping[str, Any] = json.loads(text)
+        data: Mapping[str, Any] = parse_json(text, str(path))
+    except FileError as error:
+        raise FileError(f"is damaged: {error.message}", str(path)) from None
+    try:
         if data["schema"] != _SCHEMA:
             raise FileError(f"schema {data['schema']!r} is not {_SCHEMA}", str(path))
         fields = {name: data[name] for name in Checkpoint.__dataclass_fields__}
@@ -140,5 +143,5 @@ def load_checkpoint(folder: Path, terminals: Sequence[str], representation: Repr
         checkpoint = Checkpoint(**fields)
         _check(checkpoint)
         return checkpoint
-    except (ValueError, KeyError, TypeError, AttributeError, ExpressionError) as error:
+    except (ValueError, OverflowError, KeyError, TypeError, AttributeError, ExpressionError) as error:
         raise FileError(f"is damaged: {type(error).__name__}: {error}", str(path)) from None

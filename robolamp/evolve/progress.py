@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robolamp.errors import FileError
-from robolamp.files import read_text, write_atomic
+from robolamp.files import parse_json, read_text, write_atomic
 
 NAME = "progress.jsonl"
 """The file's name in a run's folder."""
@@ -108,9 +108,10 @@ def read_progress(folder: Path, lines: int) -> list[Generation]:
         FileError: The file is missing, too short or damaged.
     """
     path = folder / NAME
+    written = read_text(path).splitlines()[:lines]
     try:
-        history = [Generation(**json.loads(line)) for line in read_text(path).splitlines()[:lines]]
-    except (ValueError, TypeError) as error:
+        history = [Generation(**parse_json(line, f"line {row}")) for row, line in enumerate(written, 1)]
+    except (FileError, TypeError) as error:
         raise FileError(f"is damaged: {error}", str(path)) from None
     if len(history) < lines:
         raise FileError(f"has {len(history)} lines; expected {lines} at least, by the run's checkpoint", str(path))

@@ -6,7 +6,6 @@ import json
 import re
 import shlex
 import shutil
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
@@ -26,7 +25,7 @@ from robolamp.evolve.progress import Generation
 from robolamp.evolve.run import evolve, resume
 from robolamp.evolve.study import TASK, Order, Point
 from robolamp.evolve.task import load_task
-from robolamp.files import alone, read_text, read_toml, write_atomic
+from robolamp.files import MOST_LOG, alone, parse_json, parse_toml, read_text, read_toml, write_atomic
 from robolamp.lamp import Lamp
 from robolamp.twin.model import fingerprint
 
@@ -102,7 +101,7 @@ class Scale:
         own = replace(loaded, cases=replace(loaded.cases, lamps=1))  # the calibrated lamp stands for the others
         twins = compiled(own, lamp, calibration, assets, np.random.default_rng(0))
         inputs = {
-            "task": tomllib.loads(loaded.source),
+            "task": parse_toml(loaded.source, task),
             "calibration_sha256": calibration.hash,
             "lamp_sha256": fingerprint(twins),
         }
@@ -134,10 +133,11 @@ class Shelf:
         """
         if not self._scale.exists():
             return None
+        text = read_text(self._scale)
         try:
-            found = json.loads(read_text(self._scale))
+            found = parse_json(text, str(self._scale))
             return Scale(tuple(found["settings"]), found["calibration"], found["inputs"])
-        except (ValueError, TypeError, KeyError):
+        except (FileError, TypeError, KeyError):
             raise FileError("is not the note of settings that `robolamp study` keeps", str(self._scale)) from None
 
     def claim(self, scale: Scale) -> None:
@@ -193,9 +193,10 @@ class Shelf:
         path = self.path(order)
         if not (path / "controller.toml").exists() or self.generations(order) < order.point.generations:
             return None
+        text = read_text(path / CHECKPOINT, MOST_LOG)
         try:
-            stage = json.loads(read_text(path / CHECKPOINT))["stage"]
-        except (ValueError, KeyError, TypeError):
+            stage = parse_json(text, str(path / CHECKPOINT))["stage"]
+        except (FileError, KeyError, TypeError):
             raise FileError(
                 "is damaged; remove the run's folder to have it run again", str(path / CHECKPOINT)
             ) from None
@@ -270,10 +271,10 @@ def _entries(path: Path) -> list[list[float]]:
     entries = []
     for number, line in enumerate(read_text(path).splitlines(), 1):
         try:
-            entry = json.loads(line)
+            entry = parse_json(line, str(path))
             if entry.get("stage", "evolution") == "evolution":
                 entries.append([float(entry[key]) for key in _COLUMNS])
-        except (ValueError, TypeError, AttributeError, KeyError):
+        except (FileError, ValueError, OverflowError, TypeError, AttributeError, KeyError):
             wanted = ", ".join(_COLUMNS)
             raise FileError(f"line {number} is no generation of a run ({wanted})", str(path)) from None
     return entries

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from collections.abc import Mapping, MutableMapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +18,7 @@ from robolamp.errors import FileError, RobolampError
 from robolamp.evolve.fitness import NEEDS, terms, terms_of
 from robolamp.evolve.gep_settings import GepSettings, read_gep
 from robolamp.figure import DRIVES, LAMP, POINT, Figure, figures, load_figure
-from robolamp.files import Table, read_text
+from robolamp.files import MOST_TOML, Table, parse_toml, read_text
 from robolamp.twin.figure import World
 from robolamp.twin.model import Pole
 from robolamp.twin.poses import KeyPose
@@ -298,8 +297,8 @@ def _override(document: Any, text: str) -> None:
     where = f"--set {text}"
     key, equals, value = text.partition("=")
     try:
-        parsed = tomllib.loads(f"value = {value}")["value"] if equals and value.strip() else None
-    except ValueError:
+        parsed = parse_toml(f"value = {value}", where)["value"] if equals and value.strip() else None
+    except FileError:
         parsed = value.strip()  # a text without its quotes, as gp.selection=lexicase
         if not parsed.replace("-", "").replace("_", "").isalnum():
             raise RobolampError(f"{value!r} is not a TOML value", where) from None
@@ -330,7 +329,8 @@ def load_task(assets: Assets, name: str | Path, joints: int = 3, overrides: Sequ
         RobolampError: An override is no KEY=VALUE.
     """
     path = assets.named(name, "sim/tasks", "task", exclude=("spread",))
-    source = read_text(path)
+    source = read_text(path, MOST_TOML)
+    parse_toml(source, str(path))
     try:
         if overrides:
             document = tomlkit.parse(source)
@@ -344,10 +344,7 @@ def load_task(assets: Assets, name: str | Path, joints: int = 3, overrides: Sequ
 
 def parse_task(source: str, joints: int, where: str, assets: Assets) -> Task:
     """Read the text of a task file; see `load_task`."""
-    try:
-        data = tomllib.loads(source)
-    except (ValueError, RecursionError) as error:
-        raise FileError(f"not valid TOML: {error}", where) from None
+    data = parse_toml(source, where)
     root = Table(data, where)
     root.integer("schema", 1, 1)
     duration = root.number("duration", 0.1, 600.0, "s")

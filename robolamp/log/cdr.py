@@ -10,6 +10,7 @@ together, as columns of a matrix of bytes.
 from __future__ import annotations
 
 import functools
+import itertools
 import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,6 +26,8 @@ _CODES = {
     "uint32": "I", "int64": "q", "uint64": "Q", "float32": "f", "float64": "d",
 }  # fmt: skip
 _LENGTH = struct.Struct("<I")
+_MOST_FIELDS = 1000  # of a message: chosen; nested types can name each other so that their number doubles with each
+_MOST_VALUES = 50_000_000  # of a sequence over all messages, each as wide as the widest [1]: 400 MB; chosen
 _LINE = re.compile(r"(?P<type>[A-Za-z][\w/]*)(?P<sequence>\[\])? +(?P<name>[a-z]\w*)")
 
 
@@ -62,7 +65,10 @@ def fields_of(definition: str) -> tuple[Field, ...]:
     for other in others:
         head, _, body = other.partition("\n")
         nested[head.removeprefix("MSG:").strip().rpartition("/")[2]] = body
-    return tuple(_fields(first, nested, ""))
+    fields = tuple(itertools.islice(_fields(first, nested, ""), _MOST_FIELDS + 1))
+    if len(fields) > _MOST_FIELDS:
+        raise LayoutError(f"message definition: has more than {_MOST_FIELDS} fields")
+    return fields
 
 
 def _fields(text: str, nested: Mapping[str, str], prefix: str) -> Iterator[Field]:
@@ -294,6 +300,8 @@ class _Reader:
             return self._texts[name]
         pieces = self._pieces[name]
         longest = max((values.shape[1] for _, values in pieces), default=0)
+        if longest * self._count > _MOST_VALUES:
+            raise LayoutError(f"{name}: {self._count} messages of up to {longest} values are too many")
         lengths = np.zeros(self._count, np.int64)
         table = np.zeros((self._count, longest), pieces[0][1].dtype if pieces else np.float64)
         for rows, values in pieces:

@@ -1,27 +1,38 @@
-"""Reads the records of an MCAP file as far as they are whole: after kill -9, and past damage where one asks for it."""
+"""Reads the records of an MCAP file as far as they are whole: after kill -9, and past damage where one asks for it.
+
+A few bytes can stand for gigabytes: a chunk is unpacked piece by piece, and no further than a log may be large.
+"""
 
 from __future__ import annotations
 
 import io
+import re
 import struct
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import lz4.frame
+import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Metadata, Schema
-from mcap.stream_reader import get_chunk_data_stream
 
 from robolamp.errors import FileError
+from robolamp.files import MOST_LOG, read_bytes
 from robolamp.log.cdr import LayoutError, decode
 
 _MAGIC = b"\x89MCAP0\r\n"
 _RECORD = struct.Struct("<BQ")  # opcode, length of what follows
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
-# How a chunk's compression reads, and how far from its record's begin: opcode, length, two times, size and checksum.
-_MARKS, _MARK_OFFSET = (b"\x04\x00\x00\x00zstd", b"\x03\x00\x00\x00lz4"), 9 + 8 + 8 + 8 + 4
+# A chunk's record as far as the name of its compression: opcode, length, two times, size and checksum stand before.
+_CHUNK = re.compile(rb"\x06.{36}(?:\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4)", re.DOTALL)
+_MOST_CHUNK = 64 << 20  # unpacked [bytes]: chosen; writers close a chunk at 1 to 8 MiB
+_MOST_KEPT = 512 << 20  # of all messages together [bytes]: chosen; a run of 600 s has some 50 MB
+_MESSAGE_COST = 200  # of a message beside its data, as Python keeps it [bytes]
+_PIECE = 1 << 20  # unpacked at once [bytes]
 
 
 @dataclass
@@ -37,6 +48,7 @@ class Contents:
         times: Log times of each channel's messages [ns since the epoch], by its id.
         data: Their bytes, by the channel's id.
         order: The channel of every message, in file order.
+        kept: Memory that the messages take [bytes].
         chunks: How many chunks were whole.
         truncated: Whether the file ends early or is damaged.
         damage: What is wrong with it, one line a place: where [byte] and what.
@@ -50,6 +62,7 @@ class Contents:
     times: dict[int, list[int]] = field(default_factory=dict)
     data: dict[int, list[bytes]] = field(default_factory=dict)
     order: list[int] = field(default_factory=list)
+    kept: int = 0
     chunks: int = 0
     truncated: bool = False
     damage: list[str] = field(default_factory=list)
@@ -97,7 +110,8 @@ class Contents:
         channels = [number for number in self._channels_of(name) if self.data.get(number)]
         if not channels:
             topics = ", ".join(sorted(self.topics)) or "no topics at all"
-            raise FileError(f"holds no {name} messages; it has {topics}", str(self.path))
+            damage = f" ({self.damage[0]})" if self.damage else ""
+            raise FileError(f"holds no {name} messages; it has {topics}{damage}", str(self.path))
         times, data = [], []
         for number in channels:
             if self._kind(number) != kind:
@@ -121,12 +135,9 @@ def read_contents(path: Path, *, salvage: bool = False) -> Contents:
         salvage: Go on after a damaged place with the next whole chunk; otherwise what is returned came before it.
 
     Raises:
-        FileError: The file cannot be read, or is not MCAP.
+        FileError: The file cannot be read, is not MCAP, or holds more than a log may.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise FileError(f"cannot be read: {error.strerror or error}", str(path)) from None
+    data = read_bytes(path, MOST_LOG)
     if not data.startswith(_MAGIC):
         raise FileError("is not an MCAP log (it does not begin with the MCAP magic)", str(path))
     contents = Contents(path, len(data))
@@ -136,17 +147,23 @@ def read_contents(path: Path, *, salvage: bool = False) -> Contents:
             following, finished = _take(data, position, contents)
             position = following
         except Exception as error:  # whatever damaged bytes make the decoders raise: what came before is whole
+            if isinstance(error, _BombError) and not salvage:
+                raise FileError(f"byte {position}: {error}", str(path)) from None
             contents.truncated = True
             contents.damage.append(f"byte {position}: {_said(error)}")
-            found = _next_chunk(data, position + 1) if salvage else -1
-            if found < 0:
+            found = _CHUNK.search(data, position + 1) if salvage else None
+            if found is None:
                 break
-            position, finished = found, False
+            position, finished = found.start(), False
     return contents
 
 
 class _CutError(Exception):
     """A record that the file does not hold in whole."""
+
+
+class _BombError(_CutError):
+    """More than a log may hold."""
 
 
 def _said(error: Exception) -> str:
@@ -171,8 +188,11 @@ def _take(data: bytes, position: int, contents: Contents) -> tuple[int, bool]:
 
 
 def _chunk(data: bytes, contents: Contents) -> None:
-    stream, length = get_chunk_data_stream(Chunk.read(ReadDataStream(io.BytesIO(data))), validate_crc=True)
-    inner = stream.read(length)
+    chunk = Chunk.read(ReadDataStream(io.BytesIO(data)))
+    inner = _unpacked(chunk)
+    length = len(inner)
+    if chunk.uncompressed_crc not in (0, zlib.crc32(inner)):
+        raise _CutError("a damaged chunk (its checksum is wrong)")
     schemas, channels, found = {}, {}, []
     position = 0
     while position < length:
@@ -196,7 +216,38 @@ def _chunk(data: bytes, contents: Contents) -> None:
         _keep(contents, *message)
 
 
+_OPENERS: dict[str, Callable[[bytes], Any]] = {
+    "zstd": lambda data: zstandard.ZstdDecompressor().stream_reader(data),
+    "lz4": lambda data: lz4.frame.LZ4FrameFile(io.BytesIO(data)),
+}
+"""What unpacks each compression piece by piece."""
+
+
+def _unpacked(chunk: Chunk) -> bytes:
+    """Return what a chunk holds, unpacked as far as it may be large."""
+    if not chunk.compression:
+        return chunk.data
+    if chunk.compression not in _OPENERS:
+        raise _CutError(f"a chunk compressed by {chunk.compression[:20]!r}; expected zstd, lz4 or none")
+    pieces, size = [], 0
+    if chunk.compression == "zstd":  # a frame that says so itself need not be tried
+        size = zstandard.frame_content_size(chunk.data)
+    if size <= _MOST_CHUNK:
+        size, stream = 0, _OPENERS[chunk.compression](chunk.data)
+        while size <= _MOST_CHUNK and (piece := stream.read(_PIECE)):
+            pieces.append(piece)
+            size += len(piece)
+    if size > _MOST_CHUNK:
+        raise _BombError(f"a chunk unpacks to more than {_MOST_CHUNK / 1e6:.0f} MB; expected less, as writers make it")
+    if size != chunk.uncompressed_size:
+        raise _CutError(f"a damaged chunk ({size} bytes unpacked, expected {chunk.uncompressed_size})")
+    return b"".join(pieces)
+
+
 def _keep(contents: Contents, number: int, log_time: int, data: bytes) -> None:
+    contents.kept += len(data) + _MESSAGE_COST
+    if contents.kept > _MOST_KEPT:
+        raise _BombError(f"its messages take more than {_MOST_KEPT / 1e6:.0f} MB; expected the log of one run")
     contents.order.append(number)
     if number not in contents.times:
         contents.times[number], contents.data[number] = [], []
@@ -231,15 +282,3 @@ _READERS: dict[int, Callable[[bytes, Contents], None]] = {
     Opcode.MESSAGE: _message,
     Opcode.METADATA: _metadata,
 }
-
-
-def _next_chunk(data: bytes, start: int) -> int:
-    """Return where the next chunk might begin; -1: nowhere."""
-    places = []
-    for mark in _MARKS:
-        at = data.find(mark, start + _MARK_OFFSET)
-        while at >= 0 and data[at - _MARK_OFFSET] != Opcode.CHUNK:
-            at = data.find(mark, at + 1)
-        if at >= 0:
-            places.append(at - _MARK_OFFSET)
-    return min(places, default=-1)

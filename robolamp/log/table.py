@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.errors import FileError
-from robolamp.files import write_atomic
+from robolamp.files import suffix_of, write_atomic
 from robolamp.log.reader import Run
 
 _TIMES = ("scheduled", "began", "read_done", "write_done", "measured_at")
@@ -64,7 +64,7 @@ def export(run: Run, out: Path | str) -> list[str]:
         FileError: The name ends otherwise, the extra `parquet` is missing, or the file cannot be written.
     """
     path = Path(out)
-    write = _FORMATS.get(path.suffix)
+    write = _FORMATS.get(suffix_of(path))
     if write is None:
         raise FileError(f"{path.suffix or 'no ending'!r} is no format of tables; expected .csv or .parquet", str(path))
     columns = columns_of(run)

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from robolamp.dynamixel.bus import SETTING_PATIENCE, Bus, Port
 from robolamp.dynamixel.registers import BAUD_CODES, MODELS, Model, Name, model_by_number
-from robolamp.errors import BusError, RobolampError, SafetyError
-from robolamp.files import read_text, write_atomic
+from robolamp.errors import BusError, SafetyError
+from robolamp.files import MOST_TOML, parse_toml, read_text, write_atomic
 from robolamp.foot.sensor import FootSensor
 from robolamp.robot.frame import wrapped
 from robolamp.signals import Clock
@@ -183,10 +183,9 @@ def edit_lamp(path: Path, change: Callable[[Any], None]) -> None:
     Raises:
         FileError: The file cannot be read or written.
     """
-    try:
-        document = tomlkit.parse(read_text(path))
-    except ValueError as error:
-        raise RobolampError(f"not valid TOML: {error}", str(path)) from None
+    text = read_text(path, MOST_TOML)
+    parse_toml(text, str(path))
+    document = tomlkit.parse(text)
     change(document)
     write_atomic(path, tomlkit.dumps(document))
 

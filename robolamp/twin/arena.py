@@ -7,7 +7,7 @@ describe the state before it: one physics step ago. To have them current would c
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -170,6 +170,7 @@ class _Shard:
         duration: float,
         period: float,
         trace: Trace | None,
+        done: Callable[[float], None],
     ) -> FigureOutcome:
         """Run every lane for a duration [s]; the outcome leaves the trace to the caller, whose it is."""
         twin, figure, lanes = self.twin, self.twin.figure, len(self.point)
@@ -189,6 +190,7 @@ class _Shard:
         alive = np.arange(lanes)
         substeps = round(period / twin.timestep)
         for tick in range(round(duration / period)):
+            done(tick * period / duration)
             _decide(sense, run, bound, ask, tick * period)
             if trace is not None:
                 trace.record(alive, inputs, goal)
@@ -243,6 +245,7 @@ class FigureFleet:
         *,
         poses: Sequence[KeyPose] = (),
         record: bool = False,
+        done: Callable[[float], None] = lambda _share: None,
     ) -> FigureOutcome:
         """Run every job to its end and judge it.
 
@@ -252,6 +255,7 @@ class FigureFleet:
             duration: Length of each run [s].
             poses: None: key poses are the lamp's.
             record: Keep what the controllers saw and sent: `FigureOutcome.trace`, 8 bytes a number.
+            done: Called at each tick with the share that is done, 0 to 1, from one thread or several.
 
         Returns:
             The outcomes, in the order of the jobs.
@@ -273,7 +277,7 @@ class FigureFleet:
         def work(share: slice) -> tuple[FigureOutcome, int]:
             shard = _Shard(self.twins, variant[share], point[share])
             own = None if trace is None else trace.take(share)  # a view: each worker writes its part
-            return shard.run(compiled, program[share], duration, self.period, own), shard.steps
+            return shard.run(compiled, program[share], duration, self.period, own, done), shard.steps
 
         outcome, steps = deal(len(jobs), self.workers, work)
         self.steps += steps

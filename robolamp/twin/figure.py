@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from robolamp.assets import Assets
 from robolamp.errors import FileError
 from robolamp.figure import POINT, Figure
+from robolamp.files import read_bytes
 from robolamp.twin.model import quiet
 
 _SETTLE_TIME = 0.5  # how long a figure stands before a run, its motors at zero velocity [s]
@@ -103,6 +104,7 @@ def build_figure(
     world = world or World()
     quiet()
     path = assets.path(figure.model)
+    read_bytes(path)  # refuses what MuJoCo would read without end
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -141,6 +141,7 @@ class _Shard:
         duration: float,
         poses: Sequence[KeyPose],
         trace: Trace | None,
+        done: Callable[[float], None],
     ) -> Outcome:
         """Run every lane for a duration [s]; the outcome leaves the trace to the caller, whose it is."""
         twin, lamp, lanes = self.twin, self.twin.lamp, len(self.variant)
@@ -165,6 +166,7 @@ class _Shard:
         pole = None if twin.pole_sensor is None else self.sensors[:, twin.pole_sensor]
         steps = 0
         for tick in range(round(duration / self.period)):
+            done(tick * self.period / duration)
             base = None
             if sees_base:
                 base = np.column_stack([self.qpos[:, :3], self.qvel[:, :3], judge.goal_met])
@@ -237,6 +239,7 @@ class Fleet:
         *,
         poses: Sequence[KeyPose] = (),
         record: bool = False,
+        done: Callable[[float], None] = lambda _share: None,
     ) -> Outcome:
         """Run every job to its end and judge it.
 
@@ -246,6 +249,7 @@ class Fleet:
             duration: Length of each run [s].
             poses: Poses that every lane is compared with; a lane that ended before one is judged on its last angles.
             record: Keep what the controllers saw and sent: `Outcome.trace`, 8 bytes a number.
+            done: Called at each tick with the share that is done, 0 to 1, from one thread or several.
 
         Returns:
             The outcomes, in the order of the jobs.
@@ -265,7 +269,7 @@ class Fleet:
         def work(share: slice) -> tuple[Outcome, int]:
             shard = _Shard(self.twins, self._states, self._differing, variant[share], self.period)
             own = None if trace is None else trace.take(share)  # a view: each worker writes its part
-            outcome = shard.run(compiled, program[share], goal[share], goal_time[share], duration, poses, own)
+            outcome = shard.run(compiled, program[share], goal[share], goal_time[share], duration, poses, own, done)
             return outcome, shard.steps
 
         outcome, steps = deal(len(jobs), self.workers, work)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from robolamp.assets import Assets
 from robolamp.calibration import SERVO, Calibration
 from robolamp.errors import FileError
+from robolamp.files import read_bytes
 from robolamp.lamp import Lamp
 from robolamp.twin.gears import BENDING_STEP, GearBuilder, Gears
 from robolamp.twin.servo import ServoParameters, set_motor
@@ -199,6 +200,7 @@ def build(
     bend = bend or Bend()
     quiet()
     path = assets.path(lamp.model)
+    read_bytes(path)  # refuses what MuJoCo would read without end
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import mujoco
 
 POINT = 1e-9
@@ -12,6 +14,38 @@ FIRM = 0.999
 
 QUICK = 0.004
 """Time constant of the friction constraint [s]: four steps."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """What a pendulum is: a weight, a point at the end of an even, thin rod from the shaft to it.
+
+    Attributes:
+        mass: Of the weight [kg].
+        length: From the shaft to it [m].
+        arm_mass: Of the rod [kg].
+    """
+
+    mass: float
+    length: float
+    arm_mass: float = 0.0
+
+    @property
+    def moment(self) -> float:
+        """Mass times lever, by which gravity turns it: of the rod half, as if at its end [kg m]."""
+        return (self.mass + self.arm_mass / 2) * self.length
+
+    @property
+    def inertia(self) -> float:
+        """Moment of inertia about the shaft: of the rod a third, as if at its end [kg m^2]."""
+        return (self.mass + self.arm_mass / 3) * self.length**2
+
+    @property
+    def body(self) -> tuple[float, float, float]:
+        """The same as one body: its mass [kg], its centre's way from the shaft [m], its own inertia there [kg m^2]."""
+        whole = self.mass + self.arm_mass
+        centre = self.moment / whole
+        return whole, centre, max(self.inertia - whole * centre**2, 0.0) + POINT
 
 
 def pendulum_model(timestep: float) -> mujoco.MjModel:

@@ -52,7 +52,7 @@ def test_a_folder_is_read_file_by_file(tmp_path: Path) -> None:
         ("a.csv", "time_s,goal_rad\n", "no column angle_rad"),
         ("a.csv", "time_s,goal_rad,angle_rad,speed\n", "unknown column 'speed'"),
         ("a.csv", "time_s,goal_rad,angle_rad\n0,1\n", "line 2: 2 values, expected 3"),
-        ("a.csv", "time_s,goal_rad,angle_rad\n0,one,1\n", "line 2: could not convert"),
+        ("a.csv", "time_s,goal_rad,angle_rad\n0,one,1\n", "line 2: goal_rad: 'one' is not a number"),
         ("a.csv", "# mass = heavy\ntime_s,goal_rad,angle_rad\n", "mass: 'heavy' is not a number above 0"),
         ("a.csv", "# weight = 1\ntime_s,goal_rad,angle_rad\n", "unknown key 'weight'"),
         ("a.json", "{", "not valid JSON"),
