@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from robolamp.runtime.clock import MonotonicClock
+from robolamp.runtime.clock import MonotonicClock, Sleep
 from robolamp.runtime.stop import SIGNALS, StopRequest
 
 
@@ -27,6 +27,17 @@ def test_a_time_that_has_passed_returns_at_once() -> None:
     began = time.monotonic()
     clock.sleep_until(began - 10)
     assert time.monotonic() - began < 0.1
+
+
+def test_the_computer_sleeps_when_one_of_its_clocks_runs_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, boot, ahead = MonotonicClock(), time.clock_gettime, 0.0
+    awake = Sleep(clock)
+    assert awake.reason() == ""
+    monkeypatch.setattr(time, "clock_gettime", lambda which: boot(which) + ahead)
+    assert awake.reason() == ""
+    ahead = 12.2
+    assert awake.reason() == "the computer slept for 12 s"
+    assert Sleep(clock).reason() == ""
 
 
 @pytest.mark.parametrize("number", SIGNALS)
