@@ -27,6 +27,8 @@ class Health:
         torque: Torque Enable, shape (n,): 1 on, 0 off, -1 unknown.
         hardware_error: Hardware Error Status bits, shape (n,); -1 unknown.
         error: ERR byte of each answer, shape (n,), bit 7 the hardware alert; -1 none came; empty: of no servo.
+        goal: Whether each servo has the goal that was sent last, shape (n,): 1 it has, 0 not, -1 unknown; empty: of
+            no servo.
     """
 
     voltage: Array
@@ -35,6 +37,7 @@ class Health:
     torque: NDArray[np.int64]
     hardware_error: NDArray[np.int64]
     error: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    goal: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
 
     @classmethod
     def unknown(cls, n: int) -> Health:

@@ -175,20 +175,23 @@ def _record_step(session: Session, step: Step, connect: Connect, person: Person 
     lamp, final = step.lamp(session.lamp), session.folder / f"{step.name}.mcap"
     part = final.with_name(final.name + _UNFINISHED)
     pilot, source = _pilot(session, step, lamp)
-    with connect(step) as ports:
-        result = _play(session, step, lamp, pilot, source, ports, part)
-        if result.ended != "finished":
-            part.unlink(missing_ok=True)
-            raise SafetyError(f"{result.ended}: {result.reason}; start again to go on with this step", step.name)
-        travel = None
-        if step.controller:
-            if ports.travelled:
-                travel = ports.travelled()
-            elif person:
-                travel = person.travel("How far did the base come?")
-    if travel is not None and not math.isfinite(travel):
-        raise SafetyError("the way it went is not known", step.name)
-    part.replace(final)
+    try:
+        with connect(step) as ports:
+            result = _play(session, step, lamp, pilot, source, ports, part)
+            if result.ended != "finished":
+                raise SafetyError(f"{result.ended}: {result.reason}; start again to go on with this step", step.name)
+            travel = None
+            if step.controller:
+                if ports.travelled:
+                    travel = ports.travelled()
+                elif person:
+                    travel = person.travel("How far did the base come?")
+        if travel is not None and not math.isfinite(travel):
+            raise SafetyError("the way it went is not known", step.name)
+        part.replace(final)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
     return Entry(step.name, final.name, sha256(final), step.clamped, travel), ports.mass
 
 

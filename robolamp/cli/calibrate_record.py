@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from robolamp.calibrate.record import Connect, Connection, Person
     from robolamp.calibrate.servo_bench import ServoBench
     from robolamp.lamp import Lamp
+    from robolamp.runtime.stop import StopRequest
 
 _LEAST_GRAMS, _MOST_GRAMS = 50, 5000  # what a desk lamp on hobby servos may weigh
 
@@ -44,8 +45,9 @@ def record(
     """Record a lamp for its calibration: the joints swing, drop and hop, one log a step. Or one servo on a bench.
 
     It says what to do with your hands before each step (clamp the base, stand the lamp up) and waits for Enter. Stop
-    it at any time (Ctrl-C lands the lamp softly) and start it again with the same folder: it goes on where it stopped.
-    Some 20 minutes for the whole lamp, 3 for one servo. With --emulate there is no lamp and no waiting.
+    it at any time (Ctrl-C lands the lamp softly; at a prompt, q or Ctrl-C ends with exit code 130, torque is off there)
+    and start it again with the same folder: it goes on where it stopped. Some 20 minutes for the whole lamp, 3 for one
+    servo. With --emulate there is no lamp and no waiting.
 
     Args:
         output: Folder for the recordings and their manifest.
@@ -81,6 +83,7 @@ def record(
     from robolamp.calibrate.record import Session
     from robolamp.calibrate.record import record as record_all
     from robolamp.calibrate.servo_bench import bench_procedure, load_bench
+    from robolamp.cli.prompt import STOPPED
     from robolamp.runtime.stop import StopRequest
 
     bench = None if servo is None else load_bench(servo, setup.assets, port or "")
@@ -91,7 +94,6 @@ def record(
         if name not in known:
             raise RobolampError(f"{name!r} is not a step; expected one of {', '.join(known)}", "--step")
     chosen = [one for one in steps if (not step or one.name in step) and (emulate or not unattended or one.clamped)]
-    person = None if emulate or unattended else _person()
     say = (lambda text: None) if as_json else print
     bent = reality or ("worn" if bench is None else "none")
     source = f"emulator {bent}" if emulate else "lamp"
@@ -104,7 +106,16 @@ def record(
             described, setup.calibration, setup.assets, output, source, by, datetime.date.today().isoformat(), stop,
             servo=bench.servo.model if bench else "", fix=fix,
         )  # fmt: skip
-        manifest = record_all(session, chosen, connect, person=person, say=say)
+        person = None if emulate or unattended else _person(stop)
+        try:
+            manifest = record_all(session, chosen, connect, person=person, say=say)
+        except KeyboardInterrupt:
+            print(
+                "robolamp: stopped, torque is off; the same command goes on where it stopped",
+                file=sys.stderr,
+                flush=True,
+            )
+            return STOPPED
     left = [one.name for one in steps if not manifest.done(one.name)]
     if as_json:
         recordings = [
@@ -122,8 +133,9 @@ def record(
     return 0
 
 
-def _person() -> Person:
+def _person(stop: StopRequest) -> Person:
     from robolamp.calibrate.record import Person
+    from robolamp.cli.prompt import STOP, answered
 
     if not sys.stdin.isatty():
         raise RobolampError(
@@ -131,20 +143,26 @@ def _person() -> Person:
             "standard input",
         )
 
+    def ask(prompt: str) -> str:
+        try:
+            return answered(lambda: input(prompt), stop)
+        except EOFError:
+            raise RobolampError("ended before an answer came", "standard input") from None
+
     def prompt(text: str) -> None:
         print(text)
-        _answer("  Enter when ready, Ctrl-C to stop: ")
+        ask(f"  Enter when ready, {STOP}: ")
 
     def travel(text: str) -> float:
         while True:
             try:
-                return length(_answer(f"  {text} (as 14.5cm) "), "the way it went")
+                return length(ask(f"  {text} (as 14.5cm, {STOP}) "), "the way it went")
             except RobolampError as error:
                 print(f"  {error.message}")
 
     def mass(text: str) -> float:
         while True:
-            answer = _answer(f"{text}\n  How many grams? ").strip().removesuffix("g").strip()
+            answer = ask(f"{text}\n  How many grams ({STOP})? ").strip().removesuffix("g").strip()
             try:
                 grams = float(answer)
             except ValueError:
@@ -154,13 +172,6 @@ def _person() -> Person:
             print(f"  {answer!r} is not a number from {_LEAST_GRAMS} to {_MOST_GRAMS} (grams)")
 
     return Person(prompt, travel, mass)
-
-
-def _answer(prompt: str) -> str:
-    try:
-        return input(prompt)
-    except EOFError:
-        raise RobolampError("ended before an answer came", "standard input") from None
 
 
 def _physical(lamp: Lamp, port: str | None, foot_port: str | None, *, foot: bool) -> Connect:

@@ -19,8 +19,7 @@ from robolamp.cli.drive import Drive
 from robolamp.cli.output import print_json
 from robolamp.log.reader import read_run
 from robolamp.runtime.result import RunResult
-
-_ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+from robolamp.runtime.stop import SIGNALS
 
 
 def facts(plan: Drive, result: RunResult) -> dict[str, Any]:
@@ -135,7 +134,7 @@ def reporting(log: Path) -> Iterator[None]:
     def interrupt(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, interrupt) for number in _ENDS}
+    before = {number: signal.signal(number, interrupt) for number in SIGNALS}
     try:
         yield
     except KeyboardInterrupt:

@@ -105,8 +105,17 @@ def setup(
 
 
 def _ask(text: str) -> None:
-    print(f"{text} Then press Enter.", file=sys.stderr, flush=True)
-    if not sys.stdin.readline():
+    from robolamp.cli.prompt import STOP, answered
+    from robolamp.runtime.stop import StopRequest
+
+    print(f"{text} Then press Enter ({STOP}).", file=sys.stderr, flush=True)
+    try:
+        with StopRequest() as stop:
+            line = answered(sys.stdin.readline, stop)
+    except KeyboardInterrupt:
+        print("robolamp: stopped; nothing was written", file=sys.stderr, flush=True)
+        raise
+    if not line:
         raise RobolampError("nobody answers here; --yes goes without questions", "standard input")
 
 

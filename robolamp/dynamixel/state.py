@@ -52,8 +52,8 @@ class ServoState:
         hardware_error: Hardware Error Status bits, or -1 unknown.
         error: ERR byte of its answer, or -1: bit 7 is the hardware alert.
         asked_again: Whether it answered only when asked a second time.
-        goal_lost: Whether its torque is on and its Goal Position is not what was sent last; only the health block
-            tells.
+        goal_lost: Whether its torque is on and its Goal Position is not what was sent last.
+        goal_known: Whether that could be told: its torque is on, and both are known; only the health block tells.
         fine: Whether all of them answered when first asked, with a position and Torque Enable, ERR 0, and no goal lost.
     """
 
@@ -68,12 +68,13 @@ class ServoState:
     error: NDArray[np.int64]
     asked_again: NDArray[np.bool_]
     goal_lost: NDArray[np.bool_]
+    goal_known: NDArray[np.bool_]
     fine: bool
 
     @classmethod
     def unknown(cls, n: int) -> ServoState:
         """Return the state of n servos of which nothing is known."""
-        gaps, flags, no = np.full((6, n), np.nan), np.full((3, n), -1), np.zeros((2, n), np.bool_)
+        gaps, flags, no = np.full((6, n), np.nan), np.full((3, n), -1), np.zeros((3, n), np.bool_)
         return cls(*gaps, *flags, *no, fine=False)
 
 
@@ -138,15 +139,19 @@ class Scales:
         """
         answers = [answer or _GAP for answer in found]
         counts = np.array([(*answer.values, answer.error) for answer in answers]).T
-        lost = [
-            answer.values[_TORQUE] == 1 and abs(answer.values[_GOAL] - goal) > 0  # NaN is not
+        off = [  # by how much the goal is not what was sent [counts]; NaN: not known
+            abs(answer.values[_GOAL] - goal) if answer.values[_TORQUE] == 1 else math.nan
             for answer, goal in zip(answers, sent, strict=True)
         ]
+        lost, known = [value > 0 for value in off], [value >= 0 for value in off]
         asked = [twice and answer is not None for twice, answer in zip(again, found, strict=True)]
         # In Python: for so few numbers it is quicker.
         fine = all(
             answer.error == 0 and answer.values[_TORQUE] >= 0 and math.isfinite(answer.values[0]) for answer in answers
         ) and not (any(lost) or any(asked))
         return ServoState(
-            *(counts[_MEASURED] * self._scale), *counts[_FLAGS].astype(np.int64), *np.array([asked, lost]), fine=fine
+            *(counts[_MEASURED] * self._scale),
+            *counts[_FLAGS].astype(np.int64),
+            *np.array([asked, lost, known]),
+            fine=fine,
         )

@@ -25,7 +25,7 @@ WATCHDOG = 0.2
 _SUSPECT = 0.8  # share of WATCHDOG after which the servos are asked: their clocks are not ours
 
 _CONDITION_TICKS = 5
-"""Readings in a row without a servo's torque and error flags after which that is a fault; one may be noise."""
+"""Answers in a row without a servo's torque and error flags after which that is a fault; one may be noise."""
 
 _DAMAGES = ("bus: bytes that nobody asked for", "foot: frames lost", "foot: damaged bytes", "foot: frames repeated")
 
@@ -81,7 +81,7 @@ class RobotLamp:
         self._torque = False
         self._spoke = -math.inf  # when the bus last carried a packet of ours [s]
         self._silence = 0.0  # longest time without one since the watchdogs were last known to be armed [s]
-        self._unknown = np.zeros(len(lamp.joints), np.int64)  # readings in a row without a servo's condition
+        self._unknown = np.zeros(len(lamp.joints), np.int64)  # answers in a row without a servo's condition
         self._noted = (0,) * len(_DAMAGES)  # how often each was last known to have happened
 
     @property
@@ -187,7 +187,13 @@ class RobotLamp:
             foot_force=math.nan if self._foot is None else self._foot.force,
             foot_age=math.inf if self._foot is None else self._foot.age,
             health=Health(
-                state.voltage, state.temperature, sign * state.pwm, state.torque, state.hardware_error, state.error
+                state.voltage,
+                state.temperature,
+                sign * state.pwm,
+                state.torque,
+                state.hardware_error,
+                state.error,
+                np.where(state.goal_known, np.where(state.goal_lost, 0, 1), -1),
             ),
             faults=tuple(faults),
         )
@@ -251,12 +257,12 @@ class RobotLamp:
         if state.fine:
             self._unknown[:] = 0
             return []
-        self._unknown = np.where(present & (state.torque < 0), self._unknown + 1, 0)
+        self._unknown = np.where(state.torque < 0, self._unknown + present, 0)  # no answer at all tells nothing of it
         said = (
             ("no answer", ~present),
             ("answered only when asked again", state.asked_again & present),
             ("a goal did not arrive", state.goal_lost),
-            ("condition unknown", self._unknown >= _CONDITION_TICKS),
+            ("condition unknown", present & (self._unknown >= _CONDITION_TICKS)),
         )
         faults = [f"{self.joints[index]}: {text}" for text, where in said for index in np.flatnonzero(where)]
         alert = np.flatnonzero((state.error > 0) & (state.hardware_error <= 0))

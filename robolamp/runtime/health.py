@@ -30,6 +30,9 @@ floor, and in the air, where a sensor may show its zero. Estimates: a hop's flig
 FOOT_STUCK_MOVE = 0.05
 """Movement of a joint in which the floor's force must change [rad]: it moves the lamp's weight by centimetres."""
 
+FOOT_FRESH = 0.001
+"""Time after a force's sample at which another is a new one [s]: half of what is between two frames."""
+
 FOOT_STUCK_SPEED = 0.3
 """Speed below which movement does not count [rad/s]: the floor then feels the lamp's weight and nothing else."""
 
@@ -51,6 +54,10 @@ CURRENT = 0.8
 VOLTAGE_TIME = 0.2
 """How long a voltage below the servo's limit is only a fault [s]; a hop's sag is shorter."""
 
+GOALS_LOST = 5
+"""Readings in a row that show a servo without the goal sent to it at which the run ends: 0.1 s at 50 Hz, as for an
+angle that is missing. A line that loses one packet in ten loses five goals in a row once in 100,000 ticks."""
+
 
 class Verdict(IntEnum):
     """What the guards say, the more urgent the larger."""
@@ -63,6 +70,8 @@ class Verdict(IntEnum):
 class RunningMean:
     """A first-order running mean of n values; a value that is missing leaves its mean as it is.
 
+    A value counts for the time since the one before it, and for MAX_PERIOD at most: of more, nothing is known.
+
     Args:
         n: How many values.
         time_constant: [s].
@@ -70,7 +79,7 @@ class RunningMean:
 
     def __init__(self, n: int, time_constant: float) -> None:
         self._mean = np.zeros(n)
-        self._time = math.nan
+        self._time = np.full(n, math.nan)  # when each was last there [s]
         self._constant = time_constant
 
     def add(self, values: NDArray[np.float64], time: float) -> NDArray[np.float64]:
@@ -80,10 +89,11 @@ class RunningMean:
             values: Shape (n,); NaN where missing.
             time: When they were measured [s].
         """
-        passed = 0.0 if math.isnan(self._time) else max(0.0, time - self._time)
-        self._time = time
-        share = -math.expm1(-passed / self._constant)
-        self._mean += np.where(np.isfinite(values), share * (values - self._mean), 0.0)
+        there = np.isfinite(values)
+        passed = np.where(np.isfinite(self._time), np.clip(time - self._time, 0.0, MAX_PERIOD), 0.0)
+        share = -np.expm1(-passed / self._constant)
+        self._mean += np.where(there, share * (values - self._mean), 0.0)
+        self._time = np.where(there, time, self._time)
         return self._mean
 
 
@@ -97,7 +107,7 @@ class Guard:
 
     Attributes:
         faults: How many observations showed each fault, by its text.
-        reason: The fault that ended the run; empty while there is none.
+        reason: The fault behind the last verdict, the most urgent; empty where that was GO.
     """
 
     def __init__(self, lamp: Lamp, *, powered: bool = True, clamped: bool = False) -> None:
@@ -107,12 +117,13 @@ class Guard:
         self._lowest = np.array(
             [(MODELS[joint.servo][Name.MIN_VOLTAGE_LIMIT].initial or 0) * VOLTAGE_UNIT for joint in lamp.joints]
         )
-        self._low_since: dict[str, float] = {}
+        self._low_since = np.full(len(lamp.joints), math.nan)  # [s]; NaN: the supply is not low
+        self._astray = np.zeros(len(lamp.joints), np.int64)  # readings in a row without the goal sent
         self._powered = powered
         self._clamped = clamped
         self._duty = RunningMean(len(lamp.joints), OVER_TIME)
         self._heating = RunningMean(len(lamp.joints), OVER_TIME)
-        self._still = _Still(lamp.contact_on)
+        self._still = _Still(len(lamp.joints), lamp.contact_on)
 
     def check(self, observation: Observation) -> Verdict:
         """Take note of an observation's faults (its own and those found here) and judge it.
@@ -125,14 +136,17 @@ class Guard:
         """
         for text in observation.faults:
             self.faults[text] += 1
-        verdict = Verdict.GO
+        verdict, self.reason = Verdict.GO, ""
         for text, found in [*self._servos(observation), *([] if self._clamped else self._foot(observation))]:
             self.faults[text] += 1
             if found > verdict:
-                verdict = found
-                if not self.reason:
-                    self.reason = text
+                verdict, self.reason = found, text
         return verdict
+
+    def resume(self) -> None:
+        """Begin anew what is timed, after a pause in which nobody looked and after which torque was turned on anew."""
+        self._low_since[:] = math.nan
+        self._astray[:] = 0
 
     def _servos(self, observation: Observation) -> list[tuple[str, Verdict]]:
         found: list[tuple[str, Verdict]] = []
@@ -140,6 +154,12 @@ class Guard:
         old = observation.angle_age > ANGLE_AGE
         duty = self._duty.add(np.abs(health.pwm), observation.time)
         current = np.sqrt(self._heating.add(observation.current**2, observation.time))
+        # What a lost reading does not tell changes nothing, here and below: not low, low, or astray as before.
+        low, fine = health.voltage < self._lowest, health.voltage >= self._lowest
+        self._low_since = np.where(low & np.isnan(self._low_since), observation.time, self._low_since)
+        self._low_since[fine] = math.nan
+        if health.goal.size:
+            self._astray = np.where(health.goal > 0, 0, self._astray + (health.goal == 0))
         if old.all():
             found.append((f"no servo has answered for {ANGLE_AGE:g} s", Verdict.CUT))
         for index, name in enumerate(self._names):
@@ -158,21 +178,21 @@ class Guard:
                 found.append((f"{name}: stalled, duty above {DUTY:.0%} over {OVER_TIME:g} s", Verdict.LAND))
             if current[index] > CURRENT:
                 found.append((f"{name}: current above {CURRENT:g} A over {OVER_TIME:g} s", Verdict.LAND))
-            if health.voltage[index] < self._lowest[index]:
-                since = self._low_since.setdefault(name, observation.time)
-                lasting = observation.time - since >= VOLTAGE_TIME
+            if low[index]:
+                lasting = observation.time - self._low_since[index] >= VOLTAGE_TIME
                 text = f"{name}: supply below {self._lowest[index]:.1f} V"
                 found.append((text, Verdict.LAND if lasting else Verdict.GO))
-            else:
-                self._low_since.pop(name, None)
+            if self._astray[index] >= GOALS_LOST:
+                found.append((f"{name}: {GOALS_LOST} goals in a row did not arrive", Verdict.LAND))
         return found
 
     def _foot(self, observation: Observation) -> list[tuple[str, Verdict]]:
+        stuck = self._still.stuck(observation)
         if observation.foot_age > FOOT_AGE_STOP:
             return [(f"foot: no force for {FOOT_AGE_STOP:g} s", Verdict.LAND)]
         if observation.foot_age > FOOT_AGE:
             return [(f"foot: no force for {FOOT_AGE:g} s", Verdict.GO)]
-        if self._still.stuck(observation):
+        if stuck:
             return [("foot: stuck, the force stays the same while the lamp moves", Verdict.LAND)]
         return []
 
@@ -181,26 +201,36 @@ class _Still:
     """Watches for a foot force that does not change though it must.
 
     Args:
+        n: How many joints.
         contact_on: Force of ground contact [N].
     """
 
-    def __init__(self, contact_on: float) -> None:
+    def __init__(self, n: int, contact_on: float) -> None:
         self._contact_on = contact_on
         self._force = math.nan
-        self._since = self._seen = math.nan
-        self._angle = self._way = self._low = self._high = np.empty(0)
+        self._since = self._seen = self._sampled = math.nan
+        self._angle = np.full(n, math.nan)  # the last that is known of each joint [rad]
+        self._measured = np.full(n, math.nan)  # when [s]
+        self._way = self._low = self._high = np.zeros(n)
 
     def stuck(self, observation: Observation) -> bool:
-        """Return whether the force has stayed the same for too long while a joint moved."""
-        angle, passed = observation.angle, observation.time - self._seen
-        before, self._angle, self._seen = self._angle, angle, observation.time
-        if observation.foot_force != self._force or not passed <= MAX_PERIOD:
-            self._force, self._since = observation.foot_force, observation.time
-            self._way = self._low = self._high = np.zeros(len(angle))
+        """Return whether the force has been measured as the same for too long while a joint moved."""
+        passed, self._seen = observation.time - self._seen, observation.time
+        sampled = observation.time - observation.foot_age
+        fresh = math.isfinite(observation.foot_force) and not sampled - self._sampled <= FOOT_FRESH
+        self._sampled = sampled if fresh else self._sampled
+        there = np.isfinite(observation.angle)
+        step, took = observation.angle - self._angle, observation.time - self._measured
+        self._angle = np.where(there, observation.angle, self._angle)
+        self._measured = np.where(there, observation.time, self._measured)
+        if not fresh:  # nobody measured
             return False
-        step = angle - before
-        self._way = self._way + np.where(np.abs(step) > FOOT_STUCK_SPEED * passed, step, 0.0)  # not where it is NaN
+        if observation.foot_force != self._force or not passed <= MAX_PERIOD:
+            self._force, self._since = observation.foot_force, sampled
+            self._way = self._low = self._high = np.zeros(len(step))
+            return False
+        self._way = self._way + np.where(np.abs(step) > FOOT_STUCK_SPEED * took, step, 0.0)  # not where it is NaN
         self._low, self._high = np.minimum(self._low, self._way), np.maximum(self._high, self._way)
         moved = bool((self._high - self._low > FOOT_STUCK_MOVE).any())
         allowed = FOOT_STUCK if self._force > self._contact_on else FOOT_STUCK_AIR
-        return moved and observation.time - self._since > allowed
+        return moved and sampled - self._since > allowed

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from robolamp.controller.pilot import PilotStep
 from robolamp.errors import BusError, RobolampError
 from robolamp.lamp import Lamp
+from robolamp.runtime.clock import Sleep
 from robolamp.runtime.health import Guard, Verdict
 from robolamp.runtime.release import still_held
-from robolamp.runtime.replug import REPLUG_TIME, came_back
+from robolamp.runtime.replug import AGAIN_TIME, REPLUG_TIME, came_back
 from robolamp.runtime.reporter import Reporter
 from robolamp.runtime.result import RunResult
 from robolamp.runtime.schedule import PERIOD, Schedule, check_period
@@ -67,8 +68,8 @@ def run(
     """Run a controller on a lamp.
 
     Torque is off when this returns or raises, whatever happened. A first stop request or a guard lands the lamp; a
-    second request, or a bus that nothing can be told to any more, turns torque off at once. A callback that raises is
-    not called again and the lamp is landed; what it raised is raised again at the end.
+    second request, a bus that nothing can be told to any more, or a computer that slept meanwhile, turns torque off at
+    once. A callback that raises is not called again and the lamp is landed; what it raised is a fault of the result.
 
     Args:
         backend: The lamp, open.
@@ -80,9 +81,11 @@ def run(
         on_event: Called with "info", "warning" or "error" and a line of text: phases, new faults, the end.
         stop: Watched for requests to stop.
         powered: False: torque is never turned on and the goals go nowhere (the backend's affair); the rest is the same.
-        reconnect: Called every 0.1 s for up to REPLUG_TIME after the servos fell silent altogether (a port unplugged);
-            once it returns True the run goes on: goal := present, torque on, softly back to the last goal. None: the
-            run ends then, and the servos' watchdogs hold the lamp.
+        reconnect: Called every 0.1 s for up to REPLUG_TIME after the servos fell silent altogether (a port unplugged),
+            again where they do before the run goes on; returns False while they are not there yet. Once it returns True
+            the run goes on: goal := present, torque on, softly back to the last goal; its clock stood meanwhile. It
+            raises SafetyError for a lamp that is back and not fit, which ends the run. None: the run ends at once, and
+            the servos' watchdogs hold the lamp.
         limp: How long a run that finished is watched once its torque is off [s]: ticks of phase "limp", whose goals
             were not sent.
         clamped: Whether the base is clamped, so that the foot sensor is not asked whether to go on.
@@ -110,10 +113,11 @@ def run(
     finally:
         backend.torque(False)
         loop.confirm()
-    result = loop.end()
-    if reporter.broken:
-        raise reporter.broken
-    return result
+    return loop.end()
+
+
+class _Gone(Exception):
+    """The servos fell silent altogether once more, before the lamp was back where it was."""
 
 
 class _Cut(Exception):
@@ -154,7 +158,9 @@ class _Loop:
         self._guard = Guard(lamp, powered=powered, clamped=clamped)
         self._watching = not powered
         self._reconnect = reconnect
-        self._paused = 0.0  # time of the run phase in which the controller did not drive [s]
+        self._away = False  # whether the servos fell silent and the lamp is not back where it was
+        self._kept = ""  # what keeps servos that are back from going on
+        self._sleep = Sleep(backend.clock)
         self._result = RunResult()
         self._goal = np.zeros(len(lamp.joints))
         self._schedule = Schedule(backend.clock, period)
@@ -169,6 +175,7 @@ class _Loop:
         if self._stop.requests:
             self._finish("stopped", _REQUEST)
             return False
+        self._awake()
         self._power()
         self._schedule.begin()
         return True
@@ -186,8 +193,8 @@ class _Loop:
         while True:
             moment = self._next()
             if begun is None:
-                begun = moment.scheduled - self._paused
-            time = moment.scheduled - begun - self._paused
+                begun = moment.scheduled - self._result.paused
+            time = moment.scheduled - begun - self._result.paused
             if self._ended or time > duration - self._period / 2:
                 self._close("landing", moment, self._goal)
                 return
@@ -214,6 +221,7 @@ class _Loop:
         self._say("info", "limp")
         for _ in range(round(duration / self._period)):
             scheduled, began, _ = self._schedule.wait()
+            self._awake()
             if self._stop.requests:
                 return
             observation = self._backend.observe()
@@ -242,6 +250,8 @@ class _Loop:
         elif result.ended != "cut":
             text = f"torque may still be on: {self._holding}"
             result.ended, result.reason = "cut", f"{result.reason}; {text}" if result.reason else text
+        if self._reporter.broken:
+            result.faults[self._reporter.failure] = 1
         return result
 
     def _power(self) -> None:
@@ -255,32 +265,76 @@ class _Loop:
     def _resume(self, reason: str, target: Array) -> None:
         """Wait for servos that fell silent altogether, and bring the lamp softly to where it was to be.
 
+        The run's time stands from the tick that was lost to the one after the soft move, however often they fall silent
+        again before that.
+
         Args:
             reason: Why it is asked.
             target: Goal from which the phase goes on, shape (n,) [rad].
 
         Raises:
-            _Cut: They did not come back in time, or a stop was asked for meanwhile.
+            _Cut: They did not come back in time or not fit, or a stop was asked for meanwhile.
+            _Gone: They fell silent while the lamp was brought to where it was; whoever does that waits again.
         """
+        if self._away:
+            raise _Gone(reason)
+        due, lost = self._schedule.due, self._clock.now()
+        self._away = True
+        while self._away:
+            self._wait_for_return(reason)
+            try:
+                self._move("start", target, START_MOVE, START_MOVE)
+                self._away = False
+            except _Gone as again:
+                reason = str(again)
+                if self._clock.now() - lost > AGAIN_TIME:
+                    raise _Cut(f"{reason}; silent again and again for {AGAIN_TIME:g} s") from None
+        paused = self._schedule.due - due
+        self._result.paused += paused
+        self._say("info", f"goes on after {self._clock.now() - lost:.1f} s; paused {paused:.4f} s")
+
+    def _wait_for_return(self, reason: str) -> None:
+        """Wait for servos that fell silent altogether, until each of them holds its joint where it is."""
         if self._reconnect is None or self._ended or self._stop.requests:
             raise _Cut(reason)
-        lost = self._clock.now()
+        lost, self._kept = self._clock.now(), ""
         self._say("error", f"{reason}; waiting up to {REPLUG_TIME:g} s for it to come back")
-        if not came_back(self._reconnect, self._clock, self._stop):
-            raise _Cut(reason)
-        angle = self._backend.observe().angle
-        if not np.isfinite(angle).all():
-            raise _Cut(f"{reason}; it came back without an angle")
         try:
-            self._goal = first_goal(angle, self._lamp, self._period)
-            self._power()
+            back = came_back(self._hold_again, self._clock, self._stop)
         except RobolampError as error:
             raise _Cut(f"{reason}; it came back, but {error.message}") from None
+        if not back and self._stop.requests:
+            raise _Cut(f"{_REQUEST} while waiting for it: {reason}")
+        if not back:
+            kept = f" ({self._kept})" if self._kept else ""
+            raise _Cut(f"{reason}; it did not come back in {REPLUG_TIME:g} s{kept}")
         self._result.replugs += 1
+        self._guard.resume()
         self._schedule.begin()
         self._say("warning", f"back after {self._clock.now() - lost:.1f} s; going softly to where it was")
-        self._move("start", target, START_MOVE, START_MOVE)
-        self._paused += self._clock.now() - lost
+
+    def _hold_again(self) -> bool:
+        """Try to reach the servos again, and to hold each joint where it is."""
+        assert self._reconnect
+        self._awake()
+        try:
+            if not self._reconnect() or self._stop.requests:
+                return False
+            self._goal = first_goal(present_pose(self._backend, self._lamp), self._lamp, self._period)
+            self._power()
+        except BusError as error:  # gone again, or not ready yet
+            self._kept = error.message
+            return False
+        return True
+
+    def _awake(self) -> None:
+        """End the run if the computer slept: the servos' watchdogs have stopped the lamp meanwhile.
+
+        Raises:
+            _Cut: It did.
+        """
+        if reason := self._sleep.reason():
+            raise _Cut(reason)
 
     @property
     def _ended(self) -> bool:
@@ -306,6 +360,7 @@ class _Loop:
     def _next(self) -> _Moment:
         """Wait for the next tick that is not past, observe, and judge whether to go on."""
         scheduled, began, missed = self._schedule.wait()
+        self._awake()
         self._result.missed_ticks += missed
         observation = self._backend.observe()
         read_done = self._clock.now()
@@ -321,10 +376,7 @@ class _Loop:
         elif not self._ended and not self._landing and self._stop.requests:
             self._finish("stopped", _REQUEST)
         elif not self._ended and not self._landing and self._reporter.broken:
-            self._finish(
-                "stopped",
-                f"the log or display failed ({str(self._reporter.broken) or type(self._reporter.broken).__name__})",
-            )
+            self._finish("stopped", self._reporter.failure)
         return _Moment(scheduled, began, read_done, observation)
 
     def _finish(self, ended: str, reason: str) -> None:

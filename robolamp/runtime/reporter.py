@@ -23,6 +23,13 @@ class Reporter:
         self._announced = 0
         self.broken: Exception | None = None
 
+    @property
+    def failure(self) -> str:
+        """That something failed and what it said; empty where nothing has."""
+        if self.broken is None:
+            return ""
+        return f"the log or display failed ({str(self.broken) or type(self.broken).__name__})"
+
     def tick(self, tick: Tick) -> None:
         """Hand out a tick."""
         if self._on_tick:

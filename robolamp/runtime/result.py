@@ -21,7 +21,8 @@ class RunResult:
         hops: Hops counted from the foot sensor.
         interventions: Totals of the envelope.
         replugs: How often the run went on after the servos' port had gone and come back.
-        faults: How many ticks showed each fault, by its text.
+        paused: Time between the goings and comings of that port in which the controller did not drive [s].
+        faults: How many ticks showed each fault, by its text; a log or display that failed is one, too.
     """
 
     ended: str = "finished"
@@ -32,4 +33,5 @@ class RunResult:
     hops: int = 0
     interventions: Interventions = field(default_factory=Interventions)
     replugs: int = 0
+    paused: float = 0.0
     faults: dict[str, int] = field(default_factory=dict)

@@ -54,6 +54,11 @@ class Schedule:
         self._origin = 0.0
         self._slot = 0
 
+    @property
+    def due(self) -> float:
+        """When the next tick is due [s]."""
+        return self._origin + self._slot * self._period
+
     def begin(self) -> None:
         """Let the first tick be now."""
         self._origin, self._slot = self._clock.now(), 0
@@ -64,7 +69,7 @@ class Schedule:
         Returns:
             When it was due and when it began [s], and how many before it were skipped.
         """
-        due = self._origin + self._slot * self._period
+        due = self.due
         self._clock.sleep_until(due)
         began = self._clock.now()
         missed = int((began - due) / self._period)

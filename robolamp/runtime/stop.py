@@ -1,14 +1,24 @@
-"""Requests to stop a run: Ctrl-C, SIGTERM and SIGHUP counted, not raised, so that the lamp is landed first."""
+"""Requests to stop a run: Ctrl-C, SIGTERM and their like counted, not raised, so that the lamp is landed first."""
 
 from __future__ import annotations
 
+import contextlib
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import FrameType, TracebackType
 from typing import Any
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""What asks for a stop."""
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+"""What asks for a stop, whoever handled it before."""
+
+_NAMES = "ABRT ALRM VTALRM PROF USR1 USR2 IO PWR STKFLT XCPU"
+ENDING: tuple[int, ...] = (
+    *(getattr(signal, f"SIG{name}") for name in _NAMES.split() if hasattr(signal, f"SIG{name}")),
+    *(range(signal.SIGRTMIN, signal.SIGRTMAX + 1) if hasattr(signal, "SIGRTMIN") else ()),
+)
+"""What else would end the process where nobody handles it, and therefore asks for a stop there. (signal(7), "Standard
+signals" and "Real-time signals". Left out are those of a program that broke, such as SIGSEGV, and those that Python
+ignores, such as SIGPIPE.)"""
 
 
 class StopRequest:
@@ -21,7 +31,8 @@ class StopRequest:
     def __init__(self) -> None:
         self.asked: Callable[[], bool] | None = None
         self._requests = 0
-        self._before: dict[signal.Signals, Any] = {}
+        self._interrupts = False
+        self._before: dict[int, Any] = {}
 
     @property
     def requests(self) -> int:
@@ -34,8 +45,20 @@ class StopRequest:
         """Ask for a stop, as a signal does."""
         self._requests += 1
 
+    @contextlib.contextmanager
+    def interrupting(self) -> Iterator[None]:
+        """While a person is waited for and nothing moves: a request raises KeyboardInterrupt, there and at once."""
+        self._interrupts = True
+        try:
+            if self._requests:
+                raise KeyboardInterrupt
+            yield
+        finally:
+            self._interrupts = False
+
     def __enter__(self) -> StopRequest:
-        self._before = {number: signal.signal(number, self._signalled) for number in SIGNALS}
+        free = [number for number in ENDING if signal.getsignal(number) == signal.SIG_DFL]
+        self._before = {number: signal.signal(number, self._signalled) for number in (*SIGNALS, *free)}
         return self
 
     def __exit__(
@@ -47,3 +70,5 @@ class StopRequest:
 
     def _signalled(self, number: int, frame: FrameType | None) -> None:
         self._requests += 1
+        if self._interrupts:
+            raise KeyboardInterrupt

@@ -141,6 +141,22 @@ def test_a_person_is_told_what_to_do_and_asked_what_only_a_person_can_see(tmp_pa
     assert "measure how far it came" in told[1]
 
 
+def test_a_way_that_nobody_measured_keeps_no_half_recording(tmp_path: Path) -> None:
+    @contextlib.contextmanager
+    def blind(step: Step) -> Iterator[Connection]:
+        with emulated(SETUP, "none")(step) as ports:
+            yield Connection(ports.servo_port, ports.foot_port, ports.clock, ports.epoch)
+
+    def leaves(text: str) -> float:
+        assert (tmp_path / "hop-15cm.mcap.part").exists()
+        raise KeyboardInterrupt
+
+    person = Person(lambda text: None, leaves, lambda text: 0.214)
+    with pytest.raises(KeyboardInterrupt):
+        recorded(tmp_path, [*steps("hop-15cm")], person=person, connect=blind)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".lock", NAME]
+
+
 def test_every_step_says_what_hands_do_and_what_it_is_for() -> None:
     all_steps = procedure(LAMP)
     assert len({step.name for step in all_steps}) == len(all_steps)

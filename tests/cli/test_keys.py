@@ -83,11 +83,13 @@ def test_a_key_stops_softly_and_the_terminal_is_as_before(terminal: Terminal, tm
     assert termios.tcgetattr(terminal.slave) == terminal.before
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP, signal.SIGUSR1])
 def test_a_signal_leaves_the_terminal_as_before(terminal: Terminal, tmp_path: Path, number: signal.Signals) -> None:
     terminal.wait(tmp_path / "run" / "log.mcap")
     if number == signal.SIGINT:
         os.write(terminal.master, b"\x03")  # Ctrl-C typed: it still is one
+    elif number == signal.SIGQUIT:
+        os.write(terminal.master, b"\x1c")  # Ctrl-\\
     else:
         terminal.process.send_signal(number)
     out, _ = terminal.process.communicate(timeout=120)

@@ -71,7 +71,7 @@ def test_a_run_that_failed_later_keeps_its_log(tmp_path: Path) -> None:
     assert begun.log.is_file()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP])
 def test_a_report_that_is_interrupted_can_be_made_later(
     capsys: pytest.CaptureFixture[str], number: signal.Signals
 ) -> None:

@@ -131,6 +131,19 @@ def test_a_port_is_unplugged_and_comes_back_under_its_link(two: str, tmp_path: P
     ]
 
 
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR2, signal.SIGALRM]
+)
+def test_any_ending_signal_takes_the_ports_away(two: str, tmp_path: Path, number: signal.Signals) -> None:
+    ports = tmp_path / "ports"
+    with emulator("--servos", two, "--ports", str(ports)) as (process, ready):
+        assert (ports / "servo").is_symlink()
+        process.send_signal(number)
+        assert process.wait(timeout=10) == 0
+    assert list(ports.iterdir()) == []
+    assert ready["servo_port"] == str(ports / "servo")
+
+
 def test_traffic_is_told_in_words(two: str) -> None:
     process = subprocess.Popen(
         [*COMMAND, "--json", "--traffic", "--servos", two], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

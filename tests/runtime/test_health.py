@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
 from robolamp.runtime.health import (
@@ -11,6 +12,7 @@ from robolamp.runtime.health import (
     FOOT_AGE_STOP,
     FOOT_STUCK,
     FOOT_STUCK_AIR,
+    GOALS_LOST,
     TEMPERATURE,
     VOLTAGE_TIME,
     Guard,
@@ -97,11 +99,14 @@ def test_a_lasting_low_voltage_lands() -> None:
     assert at(VOLTAGE_TIME * 2.2, 3.0) == Verdict.LAND
 
 
-def test_the_first_reason_stays() -> None:
+def test_the_reason_is_that_of_now() -> None:
     guard = Guard(LAMP)
     guard.check(observation(change("torque", 0)))
-    guard.check(observation(age(0, 1, 2)))
     assert guard.reason == "knee: torque went off"
+    guard.check(observation(age(0, 1, 2)))
+    assert guard.reason == f"no servo has answered for {ANGLE_AGE:g} s"
+    assert guard.check(observation()) == Verdict.GO
+    assert guard.reason == ""
 
 
 def over(seconds: float, name: str, value: float) -> tuple[Guard, Verdict]:
@@ -186,3 +191,121 @@ def test_a_lamp_that_creeps_presses_the_floor_with_its_weight_alone(speed: float
         seen.angle[1] = 0.3 - speed * seen.time
         worst = max(worst, guard.check(seen))
     assert worst == verdict
+
+
+def low(o: Observation) -> None:
+    o.health.voltage[1] = 3.0
+
+
+def stalled(o: Observation) -> None:
+    o.health.pwm[1] = -1.0
+
+
+def overloaded(o: Observation) -> None:
+    o.current[1] = 1.2
+
+
+def astray(o: Observation) -> None:
+    o.health.goal = np.array([1, 0, 1])
+
+
+def stuck(o: Observation) -> None:
+    o.foot_force = 2.0
+    o.angle[1] = 0.2 * (round(o.time / 0.02) % 4 < 2)
+
+
+LASTING = {
+    low: "knee: supply below 3.5 V",
+    stalled: "knee: stalled, duty above 90% over 2 s",
+    overloaded: "knee: current above 0.8 A over 2 s",
+    astray: f"knee: {GOALS_LOST} goals in a row did not arrive",
+    stuck: "foot: stuck, the force stays the same while the lamp moves",
+}
+"""What ends a run where it lasts, and why."""
+
+
+def blank(o: Observation) -> None:
+    """Lose what the servos say."""
+    for values in (o.angle, o.velocity, o.current, o.health.voltage, o.health.temperature, o.health.pwm):
+        values[:] = math.nan
+    o.health.torque[:] = o.health.hardware_error[:] = -1
+    o.health.goal = np.array([-1, -1, -1])
+
+
+def landed(spoil: Callable[[Observation], None], lost: Callable[[int], bool], until: float = 8.0) -> tuple[float, str]:
+    """When the guard lands a lamp that is spoiled in each reading that is not lost [s], and why."""
+    guard = Guard(LAMP)
+    for tick in range(1, round(until / 0.02)):
+        seen = observation()
+        seen.time = tick * 0.02
+        spoil(seen)
+        if lost(tick):
+            blank(seen)
+        if guard.check(seen) == Verdict.LAND:
+            return seen.time, guard.reason
+    return math.inf, ""
+
+
+@pytest.mark.parametrize("spoil", LASTING)
+def test_a_lost_reading_is_not_forgotten_what_was_before(spoil: Callable[[Observation], None]) -> None:
+    at, why = landed(spoil, lambda tick: False)
+    assert why == LASTING[spoil]
+    late, why = landed(spoil, lambda tick: tick % 3 == 1)  # one reading in three is lost
+    assert why == LASTING[spoil]
+    counted = {astray: 1.5, stuck: 1.7}.get(spoil, 1.0)  # by readings, not by time
+    assert at <= late <= counted * at + 0.061
+
+
+@pytest.mark.parametrize("spoil", [low, stalled, overloaded, astray])
+def test_lost_readings_are_no_evidence(spoil: Callable[[Observation], None]) -> None:
+    """Spoiled for half of what is too long, then nothing is heard, then all is well."""
+    at, _ = landed(spoil, lambda tick: False)
+    half = round(at / 0.02 / 2)
+    guard = Guard(LAMP)
+    for tick in range(1, 8 * half):
+        seen = observation()
+        seen.time = tick * 0.02
+        seen.health.goal = np.array([1, 1, 1])
+        if tick <= half:
+            spoil(seen)
+        elif tick < 6 * half:
+            blank(seen)
+        assert guard.check(seen) == Verdict.GO, (tick, guard.reason)
+
+
+@pytest.mark.parametrize("spoil", [stalled, overloaded])
+def test_one_reading_after_a_pause_is_not_the_whole_pause(spoil: Callable[[Observation], None]) -> None:
+    guard = Guard(LAMP)
+    for time in (0.02, 0.04, 9.0, 9.02):
+        seen = observation()
+        seen.time = time
+        if time > 1.0:
+            spoil(seen)
+        assert guard.check(seen) == Verdict.GO, guard.reason
+
+
+def test_a_goal_that_arrives_in_between_begins_the_count_anew() -> None:
+    guard = Guard(LAMP)
+    for tick in range(1, 10 * GOALS_LOST):
+        seen = observation(astray if tick % GOALS_LOST else lambda o: setattr(o.health, "goal", np.ones(3, np.int64)))
+        assert guard.check(seen) == Verdict.GO
+
+
+def test_a_low_supply_before_a_pause_says_nothing_of_after_it() -> None:
+    guard = Guard(LAMP)
+    for time in (0.0, 5.0):
+        seen = observation(low)
+        seen.time = time
+        assert guard.check(seen) == Verdict.GO
+        guard.resume()
+
+
+def test_a_force_that_nobody_measured_is_not_stuck() -> None:
+    """The same for 0.08 s, then no frame for 0.04 s: not the 0.1 s of a stuck one."""
+    guard = Guard(LAMP)
+    for tick in range(7):
+        seen = observation(lambda o: None)
+        seen.time = tick * 0.02
+        stuck(seen)
+        seen.foot_age = 0.001 + max(0.0, (tick - 4) * 0.02)
+        assert guard.check(seen) == Verdict.GO, (tick, guard.reason)

@@ -18,7 +18,7 @@ from robolamp.runtime.softly import smooth
 from robolamp.runtime.stop import StopRequest
 from robolamp.signals import Command, Observation, Tick
 
-from .fake import LAMP, FakeLamp, Wave
+from .fake import LAMP, FakeClock, FakeLamp, Wave
 
 START_TICKS = round((START_MOVE + START_HOLD) / 0.02)
 
@@ -135,8 +135,10 @@ def test_a_failing_tick_callback_lands_the_lamp(at: int) -> None:
             raise OSError("disk")
 
     lamp = FakeLamp()
-    with pytest.raises(OSError, match="disk"):
-        run(lamp, Wave(), LAMP, on_tick=on_tick, on_event=lambda *event: events.append(event))
+    result = run(lamp, Wave(), LAMP, on_tick=on_tick, on_event=lambda *event: events.append(event))
+    failed = "the log or display failed (disk)"
+    assert (result.ended, result.reason, result.ticks) == ("stopped", failed, len(lamp.goals))
+    assert result.faults == {failed: 1}
     assert len(ticks) == at + 1  # not called again
     assert len(lamp.goals) == pytest.approx(at + 2 + LANDING / 0.02, abs=1)
     assert lamp.goals[-1] == pytest.approx(LAMP.rest)
@@ -155,15 +157,15 @@ def test_a_failing_event_callback_lands_the_lamp() -> None:
             raise BrokenPipeError("terminal")
 
     lamp = FakeLamp()
-    with pytest.raises(BrokenPipeError, match="terminal"):
-        run(lamp, Wave(), LAMP, on_tick=ticks.append, on_event=on_event)
+    result = run(lamp, Wave(), LAMP, on_tick=ticks.append, on_event=on_event)
+    assert (result.reason, result.ticks) == ("the log or display failed (terminal)", len(ticks))
     assert calls == ["torque on", "run"]
     assert phases(ticks)[-1] == "landing"
     assert lamp.goals[-1] == pytest.approx(LAMP.rest)
     assert lamp.torques == [True, False]
 
 
-def test_the_first_failure_is_the_one_raised() -> None:
+def test_the_first_failure_is_the_one_told() -> None:
     def on_tick(tick: Tick) -> None:
         raise OSError("disk")
 
@@ -171,8 +173,8 @@ def test_the_first_failure_is_the_one_raised() -> None:
         raise BrokenPipeError("terminal")
 
     lamp = FakeLamp()
-    with pytest.raises(BrokenPipeError, match="terminal"):
-        run(lamp, Wave(), LAMP, on_tick=on_tick, on_event=on_event)
+    result = run(lamp, Wave(), LAMP, on_tick=on_tick, on_event=on_event)
+    assert list(result.faults) == ["the log or display failed (terminal)"]
     assert lamp.goals[-1] == pytest.approx(LAMP.rest)
 
 
@@ -378,16 +380,18 @@ def test_minimum_jerk() -> None:
 
 
 class Unplugged(FakeLamp):
-    """Its port is gone from one moment of the run to another."""
+    """Its port is gone from one moment of the run to another, and in further such times."""
 
-    def __init__(self, gone: float, back: float) -> None:
-        super().__init__()
-        self.gone, self.back = self.clock.now() + gone, self.clock.now() + back
+    def __init__(self, gone: float, back: float, *more: tuple[float, float], clock: FakeClock | None = None) -> None:
+        super().__init__(clock=clock)
+        began = self.clock.now()
+        self.gone, self.back = began + gone, began + back
+        self.times = [(began + start, began + end) for start, end in ((gone, back), *more)]
         self.looks = 0
 
     @property
     def away(self) -> bool:
-        return self.gone <= self.clock.now() < self.back
+        return any(gone <= self.clock.now() < back for gone, back in self.times)
 
     def observe(self) -> Observation:
         seen = super().observe()
@@ -468,3 +472,183 @@ def test_a_run_that_only_watches_never_turns_torque_on() -> None:
     result = run(lamp, Wave(), LAMP, duration=0.5, powered=False)
     assert (result.ended, result.faults) == ("finished", {})
     assert lamp.torques == [False]
+
+
+@pytest.mark.parametrize(
+    ("times", "replugs", "lost"),
+    [
+        ([(2.5, 5.5)], 1, 1),
+        ([(2.5, 5.5), (5.9, 7.3)], 2, 1),  # in the soft move after it
+        ([(2.5, 5.5), (6.0131, 6.4)], 2, 1),  # there, between a reading and its goals
+        ([(2.5, 5.5), (5.9, 7.3), (7.5, 9.0), (9.3, 9.33)], 4, 1),  # a loose plug
+        ([(2.5, 5.5), (7.2, 8.0)], 2, 2),  # when the controller drives again
+        ([(2.6123, 4.0), (5.7123, 5.8), (8.0, 9.0)], 3, 2),
+        ([(0.5, 1.0), (1.3, 2.0)], 2, 0),  # in the soft start
+        ([(1.983, 3.0), (3.3, 4.0)], 2, 0),  # where the controller was to begin
+        ([(2.9, 3.6), (4.0, 4.4)], 2, 1),
+        ([(3.2, 4.0), (4.5, 5.0)], 2, 0),  # in the soft landing
+    ],
+)
+def test_the_time_that_a_port_was_away_is_counted_once(
+    times: list[tuple[float, float]], replugs: int, lost: int
+) -> None:
+    lamp, pilot, ticks = Unplugged(*times[0], *times[1:]), Wave(), []
+    events: list[tuple[str, str]] = []
+    result = run(
+        lamp, pilot, LAMP, duration=1.0, on_tick=ticks.append, on_event=lambda *event: events.append(event),
+        reconnect=lamp.reconnect,
+    )  # fmt: skip
+    assert (result.ended, result.replugs) == ("finished", replugs)
+    assert len(pilot.times) == 50 - lost
+    assert np.diff(pilot.times).min() > 0.02 - 1e-6
+    assert np.diff(pilot.times).max() < 0.0401
+    assert (pilot.times[0], pilot.times[-1]) == (pytest.approx(0.0), pytest.approx(0.98))
+    assert np.abs(np.diff([tick.goal for tick in ticks if tick.phase == "run"], axis=0)).max() < 0.08
+    # The log tells how long the run stood: subtracted, what is left is its length.
+    stood = sum(float(text.split("paused ")[1].removesuffix(" s")) for _, text in events if "paused" in text)
+    assert stood == pytest.approx(result.paused, abs=1e-3)
+    whole = ticks[-1].scheduled - ticks[0].scheduled - result.paused
+    assert whole == pytest.approx(START_MOVE + START_HOLD + 1.0 + LANDING, abs=0.0201)
+
+
+def test_a_lamp_that_comes_back_unfit_ends_the_run_for_that_reason() -> None:
+    lamp = Unplugged(2.5, 3.5)
+
+    def reconnect() -> bool:
+        if lamp.reconnect():
+            raise SafetyError("knee (id 2) is XL430-W250-T, not XL330-M288-T", "/dev/x")
+        return False
+
+    events: list[tuple[str, str]] = []
+    result = run(lamp, Wave(), LAMP, duration=1.0, reconnect=reconnect, on_event=lambda *event: events.append(event))
+    said = "the port is gone; it came back, but knee (id 2) is XL430-W250-T, not XL330-M288-T"
+    assert (result.ended, result.reason, result.replugs) == ("cut", said, 0)
+    assert lamp.torques[0] is True
+    assert not any(lamp.torques[1:])
+    assert lamp.clock.now() < 50.0 + 3.5 + 0.2 + RELEASE_TIME
+    assert ("error", f"torque off at once: {said}") in events
+
+
+@pytest.mark.parametrize("refusals", [3, 1000])
+def test_servos_that_are_not_ready_yet_are_asked_again(refusals: int) -> None:
+    class Slow(Unplugged):
+        def torque(self, on: bool) -> None:
+            nonlocal refusals
+            if on and self.torques and refusals:
+                refusals -= 1
+                raise BusError("knee (id 2) does not answer")
+            super().torque(on)
+
+    lamp, ends = Slow(2.5, 3.5), refusals == 3
+    result = run(lamp, Wave(), LAMP, duration=1.0, reconnect=lamp.reconnect)
+    assert (result.ended, result.replugs) == (("finished", 1) if ends else ("cut", 0))
+    if not ends:
+        assert result.reason == ("the port is gone; it did not come back in 10 s (knee (id 2) does not answer)")
+
+
+def test_a_stop_while_waiting_is_the_reason_and_torque_stays_off() -> None:
+    lamp, stop = Unplugged(2.5, 3.5), StopRequest()
+
+    def reconnect() -> bool:
+        if lamp.reconnect():
+            stop.request()  # just as it comes back
+            return True
+        return False
+
+    result = run(lamp, Wave(), LAMP, duration=1.0, reconnect=reconnect, stop=stop)
+    assert (result.ended, result.reason) == ("cut", "request to stop while waiting for it: the port is gone")
+    assert not any(lamp.torques[1:])
+
+
+class Nightly(FakeClock):
+    """A computer's clock; it sleeps at a moment of it, for some time that the clock does not see."""
+
+    def __init__(self, at: float, lasts: float) -> None:
+        super().__init__()
+        self.at, self.lasts = self.time + at, lasts
+
+    def slept(self) -> float:
+        return 1000.0 + (self.lasts if self.time >= self.at else 0.0)  # it has slept before, too
+
+
+@pytest.mark.parametrize("at", [0.5, 2.5, 3.3])
+@pytest.mark.parametrize(("lasts", "said"), [(12.0, "12"), (0.5, "0.5"), (30_000.0, "30000")])
+def test_a_computer_that_slept_ends_the_run(at: float, lasts: float, said: str) -> None:
+    lamp, ticks = FakeLamp(clock=Nightly(at, lasts)), []
+    result = run(lamp, Wave(), LAMP, duration=1.0, on_tick=ticks.append)
+    assert (result.ended, result.reason) == ("cut", f"the computer slept for {said} s")
+    assert lamp.torques == [True, False]
+    assert ticks[-1].scheduled < 50.0 + at + 0.021
+    assert len(lamp.goals) == len(ticks)  # none was sent since
+
+
+def test_a_computer_that_slept_before_torque_went_on_keeps_it_off() -> None:
+    lamp = FakeLamp(clock=Nightly(0.001, 60.0))
+    result = run(lamp, Wave(), LAMP, duration=1.0)
+    assert (result.ended, result.reason, lamp.torques) == ("cut", "the computer slept for 60 s", [False])
+
+
+def test_a_lamp_that_was_plugged_in_while_the_computer_slept_does_not_move() -> None:
+    lamp = Unplugged(2.5, 5.0, clock=Nightly(4.0, 3600.0))
+    result = run(lamp, Wave(), LAMP, duration=1.0, reconnect=lamp.reconnect)
+    assert (result.ended, result.reason) == ("cut", "the computer slept for 3600 s")
+    assert not any(lamp.torques[1:])
+
+
+def test_a_watch_ends_when_the_computer_slept() -> None:
+    lamp = FakeLamp(clock=Nightly(4.5, 60.0))
+    result = run(lamp, Wave(), LAMP, duration=1.0, limp=2.0)
+    assert (result.ended, result.reason) == ("cut", "the computer slept for 60 s")
+
+
+def test_less_sleep_than_the_watchdogs_allow_is_none() -> None:
+    lamp = FakeLamp(clock=Nightly(2.5, 0.15))
+    assert run(lamp, Wave(), LAMP, duration=1.0).ended == "finished"
+
+
+@pytest.mark.parametrize("joints", [[1], [0, 1, 2]])
+def test_goals_that_stay_lost_end_the_run(joints: list[int]) -> None:
+    ticks: list[Tick] = []
+
+    def spoil(observation: Observation) -> None:
+        goal = np.ones(3, np.int64)
+        if len(ticks) > START_TICKS + 10:
+            goal[joints] = 0
+        observation.health.goal = goal
+
+    result = run(FakeLamp(spoil), Wave(), LAMP, on_tick=ticks.append)
+    name = LAMP.names[joints[0]]
+    assert (result.ended, result.reason) == ("guard", f"{name}: 5 goals in a row did not arrive")
+    assert len([tick for tick in ticks if tick.phase == "run"]) == 15
+
+
+def test_the_reason_is_of_the_fault_that_ended_it() -> None:
+    """Silence that passed, heat that lands it, silence again that ends it at once."""
+    ticks: list[Tick] = []
+    lamp = Unplugged(2.5, 3.5)
+
+    def spoil(observation: Observation) -> None:
+        at = observation.time - 50.0
+        if 2.2 < at < 2.215 or at > 5.8:
+            observation.angle_age[:] = ANGLE_AGE * 1.01
+        if 5.5 < at < 5.6:
+            observation.health.temperature[1] = 70.0
+
+    lamp.spoil = spoil
+    result = run(lamp, Wave(), LAMP, duration=1.0, on_tick=ticks.append, reconnect=lamp.reconnect)
+    assert (result.ended, result.replugs > 1) == ("cut", True)
+    assert result.reason == f"no servo has answered for {ANGLE_AGE:g} s"
+    assert result.faults["knee: above 65 degC"] == 5
+
+
+def test_servos_that_fall_silent_again_and_again_end_the_run() -> None:
+    ticks: list[Tick] = []
+
+    def spoil(observation: Observation) -> None:
+        if len(ticks) > START_TICKS + 10:
+            observation.angle_age[:] = ANGLE_AGE * 1.01
+
+    lamp = FakeLamp(spoil)
+    result = run(lamp, Wave(), LAMP, on_tick=ticks.append, reconnect=lambda: True)
+    said = f"no servo has answered for {ANGLE_AGE:g} s; silent again and again for 60 s"
+    assert (result.ended, result.reason, lamp.torques[-1]) == ("cut", said, False)
