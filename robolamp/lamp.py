@@ -34,6 +34,8 @@ class Joint:
         rest: Joint angle that the soft landing ends in [rad].
         slew: Fastest change of a goal [rad/s].
         position_p_gain: Position P Gain register (84) of the servo, as written.
+        zero_wanted: Why `zero` must be found again; empty: it need not.
+        sign_wanted: Why `sign` must be found again; empty: it need not.
     """
 
     name: str
@@ -46,6 +48,8 @@ class Joint:
     rest: float
     slew: float
     position_p_gain: int
+    zero_wanted: str = ""
+    sign_wanted: str = ""
 
 
 @dataclass(frozen=True)
@@ -133,6 +137,8 @@ def _joint(table: Table) -> Joint:
         rest=table.number("rest", lower, upper, "rad", default=0.0),
         slew=table.number("slew", 0.1, 100.0, "rad/s"),
         position_p_gain=table.integer("position_p_gain", 1, 16383),
+        zero_wanted=table.text("zero_wanted", default=""),
+        sign_wanted=table.text("sign_wanted", default=""),
     )
     table.done()
     return joint

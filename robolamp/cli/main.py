@@ -7,7 +7,7 @@ import json
 import re
 import sys
 
-from cyclopts import App, CycloptsError
+from cyclopts import App, CycloptsError, UnknownOptionError
 
 from robolamp import __version__
 from robolamp.cli.streams import let_go_of_output
@@ -37,7 +37,7 @@ Hold the lamp: it sinks. Exit code 0: every servo confirmed; 1: some did not, sw
     "monitor": "Show what the servos and the foot sensor report, as a table that rewrites itself, until Ctrl-C.",
     "setup": """Set up the physical lamp: find and number the servos, set zeros, tare the foot, check everything.
 
-STEP is scan, assign, zero, foot or check; hardware/README.md says when to take which.""",
+hardware/README.md says when to take which step. Torque stays off throughout.""",
     "compare": """Compare a run of the lamp with its twin or with another run, and write a report.
 
 The twin replays the log's goals; two logs are laid over each other; a folder of runs gives a trend and how well twin
@@ -66,7 +66,9 @@ Servos and foot sensor are behind a serial port each; the lamp's physics runs be
 upright, each joint held as if by hand until its torque is first turned on. docs/emulator.md says what is modelled.""",
 }
 for _order, (_verb, _help) in enumerate(_VERBS.items()):
-    _function = {"log": "app", "calibrate": "app"}.get(_verb, _verb.replace("-", "_"))  # these have verbs of their own
+    _function = {"log": "app", "calibrate": "app", "setup": "app"}.get(
+        _verb, _verb.replace("-", "_")
+    )  # these have verbs of their own
     _help = re.sub(r"(?<!\n)\n(?!\n)", " ", _help)  # paragraphs are wrapped to the terminal, not here
     app.command(f"robolamp.cli.{_verb.replace('-', '_')}:{_function}", name=_verb, help=_help, sort_key=_order)
 
@@ -83,6 +85,8 @@ def main(arguments: list[str] | None = None) -> None:
         _refuse_empty(words)
         code = app(words, exit_on_error=False, print_error=False)
         sys.stdout.flush()  # here, where a failure can still be told
+    except UnknownOptionError as error:
+        code = _fail(*_misplaced(error), as_json)
     except CycloptsError as error:
         code = _fail(str(error).strip().replace("\n", " "), "command line", as_json)
     except RobolampError as error:
@@ -97,6 +101,24 @@ def main(arguments: list[str] | None = None) -> None:
         code = _fail(error.strerror or str(error), str(error.filename or "output"), as_json)
     let_go_of_output()
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _misplaced(error: UnknownOptionError) -> tuple[str, str]:
+    """Return what to say of an option that a verb has not, and where: which verbs beside it have it."""
+    option, chain = error.token.keyword or error.token.value, list(error.command_chain or ())
+    beside = app
+    for verb in chain[:-1]:
+        beside = beside[verb]
+    has = [
+        verb
+        for verb in beside
+        if len(chain) > 1
+        and not verb.startswith("-")
+        and any(option in argument.names for argument in beside[verb].assemble_argument_collection())
+    ]
+    if not has:
+        return str(error).strip().replace("\n", " "), "command line"
+    return f"is for {' and '.join(has)}, not for {chain[-1]}", option
 
 
 def _refuse_empty(words: list[str]) -> None:

@@ -6,9 +6,9 @@ import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import Parameter
+from cyclopts import App, Parameter
 
 from robolamp.assets import Assets
 from robolamp.cli.output import print_json
@@ -21,81 +21,141 @@ if TYPE_CHECKING:
 _SAMPLES = 10  # readings of a pose
 _LOOK = 1.0  # s: how long the foot's force is averaged
 _LAST_ID = 20  # the largest id that is looked for unless another is given
-_STEPS_OF = {  # which steps an option is for; ports may be given to all
-    "--joint": ("assign",),
-    "--keep-signs": ("zero",),
-    "--weight": ("foot",),
-    "--last-id": ("scan", "assign"),
-    "--fix": ("check",),
-    "--yes": ("zero", "foot"),
-}
 GRAVITY = 9.80665
 """Standard gravity [m/s^2]."""
 
 Ask = Callable[[str], None]
 
 
-def setup(
-    step: Literal["scan", "assign", "zero", "foot", "check"],
-    /,
-    *,
-    port: str | None = None,
-    foot_port: str | None = None,
-    joint: str | None = None,
-    keep_signs: Annotated[bool, Parameter(negative="")] = False,
-    weight: float | None = None,
-    last_id: int | None = None,
-    fix: Annotated[bool, Parameter(negative="")] = False,
-    yes: Annotated[bool, Parameter(name=["--yes", "-y"], negative="")] = False,
-    lamp: Path | None = None,
-    as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
-) -> int:
-    """Set up the physical lamp, step by step; torque stays off throughout.
+Port = Annotated[str | None, Parameter(name="--port")]
+FootPort = Annotated[str | None, Parameter(name="--foot-port")]
+LastId = Annotated[int, Parameter(name="--last-id")]
+Yes = Annotated[bool, Parameter(name=["--yes", "-y"], negative="")]
+Own = Annotated[Path | None, Parameter(name="--lamp")]
+Json = Annotated[bool, Parameter(name="--json", negative="")]
 
-    scan: which servos answer, at which id and baud rate. assign: give the one
-    new servo on the line the id and baud rate of --joint. zero: find zeros and
-    signs from poses you hold by hand, and write them to lamp.toml. foot: tare
-    the foot sensor, and scale it with a known --weight. check: everything that
-    deploy checks before it moves.
+app = App(name="setup", help_format="plaintext", result_action="return_value")
+
+
+@app.command(sort_key=0)
+def scan(*, port: Port = None, last_id: LastId = _LAST_ID, lamp: Own = None, as_json: Json = False) -> int:
+    """Show which servos answer: id, baud rate, model and firmware, and where several share an id.
+
+    Every id up to --last-id is asked at every baud rate; some 10 seconds. Nothing is written.
 
     Args:
-        step: What to do.
         port: Serial port of the servos; by default bus.port of hardware/lamp.toml.
-        foot_port: Serial port of the foot sensor; by default foot.port of hardware/lamp.toml.
-        joint: For assign: whose servo it is to be.
-        keep_signs: For zero: find zeros only; the signs stay as they are.
-        weight: For foot: a weight in kg that you will set on the foot.
-        last_id: For scan and assign: the largest id to look for; 20 unless given.
-        fix: For check: mend settings that software may mend.
-        yes: Do not wait for Enter: the lamp is as it should be now. With zero it needs --keep-signs.
-            With foot and --weight, the weight is on the foot now and the tare of lamp.toml is kept.
-        lamp: A folder of your own lamp, laid out like robolamp's; zero and foot write into it.
+        last_id: The largest id to look for.
+        lamp: A folder of your own lamp, laid out like robolamp's.
         as_json: Print one JSON object.
     """
-    given = {
-        "--joint": joint is not None,
-        "--keep-signs": keep_signs,
-        "--weight": weight is not None,
-        "--last-id": last_id is not None,
-        "--fix": fix,
-        "--yes": yes,
-    }
-    for option, steps in _STEPS_OF.items():
-        if given[option] and step not in steps:
-            raise RobolampError(f"is for {' and '.join(steps)}, not for {step}", option)
-    last = _legal_id(_LAST_ID if last_id is None else last_id)
+    last, description = _legal_id(last_id), load_lamp(Assets.of(lamp))
+    return _told(_scan(port or description.bus_port, last), as_json)
+
+
+@app.command(sort_key=1)
+def assign(
+    *,
+    joint: str | None = None,
+    port: Port = None,
+    last_id: LastId = _LAST_ID,
+    lamp: Own = None,
+    as_json: Json = False,
+) -> int:
+    """Give the one new servo on the line the id and baud rate of a joint, and Return Delay Time 0.
+
+    Plug the servos in one at a time: new ones all have id 1, and two with one id would both obey. A servo that is a
+    joint's already may stay plugged in.
+
+    Args:
+        joint: Whose servo it is to be, as ankle.
+        port: Serial port of the servos; by default bus.port of hardware/lamp.toml.
+        last_id: The largest id to look for.
+        lamp: A folder of your own lamp, laid out like robolamp's.
+        as_json: Print one JSON object.
+    """
+    last, description = _legal_id(last_id), load_lamp(Assets.of(lamp))
+    return _told(_assign(port or description.bus_port, description, joint, last), as_json)
+
+
+@app.command(sort_key=2)
+def zero(
+    *,
+    keep_signs: Annotated[bool, Parameter(negative="")] = False,
+    yes: Yes = False,
+    port: Port = None,
+    lamp: Own = None,
+    as_json: Json = False,
+) -> int:
+    """Find zeros and signs from poses that you hold by hand, and write them to lamp.toml. Torque must be off.
+
+    It asks for the neutral pose, then for a push of each joint forward, and waits for Enter each time.
+
+    Args:
+        keep_signs: Find zeros only; the signs stay as they are.
+        yes: Do not wait for Enter: the lamp is in its neutral pose now. Needs --keep-signs.
+        port: Serial port of the servos; by default bus.port of hardware/lamp.toml.
+        lamp: A folder of your own lamp, laid out like robolamp's; its hardware/lamp.toml is written.
+        as_json: Print one JSON object.
+    """
     description = load_lamp(Assets.of(lamp))
-    servos, foot = port or description.bus_port, foot_port or description.foot_port
-    if step == "scan":
-        result = _scan(servos, last)
-    elif step == "assign":
-        result = _assign(servos, description, joint, last)
-    elif step == "zero":
-        result = _zero(servos, description, keep_signs, None if yes else _ask)
-    elif step == "foot":
-        result = _foot(foot, description, weight, None if yes else _ask)
-    else:
-        result = _check(servos, foot, description, fix)
+    result = _zero(port or description.bus_port, description, keep_signs, None if yes else _ask)
+    return _told(result, as_json)
+
+
+@app.command(sort_key=3)
+def foot(
+    *,
+    weight: float | None = None,
+    yes: Yes = False,
+    foot_port: FootPort = None,
+    lamp: Own = None,
+    as_json: Json = False,
+) -> int:
+    """Tare the foot sensor with the lamp lifted, scale it with a known weight, and write both to lamp.toml.
+
+    A tare that the weight of a standing lamp is in is refused.
+
+    Args:
+        weight: A weight in kg that you will set on the foot, 0.05 to 5.
+        yes: Do not wait for Enter: nothing touches the foot now.
+            With --weight, the weight is on the foot now and the tare of lamp.toml is kept.
+        foot_port: Serial port of the foot sensor; by default foot.port of hardware/lamp.toml.
+        lamp: A folder of your own lamp, laid out like robolamp's; its hardware/lamp.toml is written.
+        as_json: Print one JSON object.
+    """
+    description = load_lamp(Assets.of(lamp))
+    return _told(_foot(foot_port or description.foot_port, description, weight, None if yes else _ask), as_json)
+
+
+@app.command(sort_key=4)
+def check(
+    *,
+    fix: Annotated[bool, Parameter(negative="")] = False,
+    port: Port = None,
+    foot_port: FootPort = None,
+    lamp: Own = None,
+    as_json: Json = False,
+) -> int:
+    """Check everything that deploy checks before it moves: servos, settings, state, pose, foot sensor.
+
+    Stand the lamp on its foot. Everything that is wrong is named at once, with its remedy; docs/registers.md lists the
+    settings. Exit code 0: ready; 2: not.
+
+    Args:
+        fix: Mend what software may mend, and say what was. Where that changes what servo angles mean, zeros and signs
+            must be found again (`robolamp setup zero`), and nothing runs until then.
+        port: Serial port of the servos; by default bus.port of hardware/lamp.toml.
+        foot_port: Serial port of the foot sensor; by default foot.port of hardware/lamp.toml.
+        lamp: A folder of your own lamp, laid out like robolamp's.
+        as_json: Print one JSON object.
+    """
+    description = load_lamp(Assets.of(lamp))
+    ports = port or description.bus_port, foot_port or description.foot_port
+    return _told(_check(*ports, description, fix), as_json)
+
+
+def _told(result: dict[str, Any], as_json: bool) -> int:
     said = result.pop("said")
     if as_json:
         print_json(result)
@@ -125,7 +185,12 @@ def _scan(port: str, last_id: int) -> dict[str, Any]:
 
     found = scan(port, MonotonicClock(), last=last_id)
     rows = [_row(servo) for servo in found]
-    lines = [f"id {row['id']:3}  {row['baud']:8} baud  {row['model']}  firmware {row['firmware']}" for row in rows]
+    lines = [
+        f"id {row['id']:3}  {row['baud']:8} baud  "
+        + ("several servos, which garble or double each other's answers" if row.get("doubled") else "")
+        + ("" if row["firmware"] is None else f"  {row['model']}  firmware {row['firmware']}")
+        for row in rows
+    ]
     nothing = f"no servo with an id up to {last_id} answers; check supply and cable, or try --last-id 252"
     return {"port": port, "servos": rows, "said": "\n".join(lines) or nothing}
 
@@ -139,7 +204,7 @@ def _assign(port: str, lamp: Lamp, name: str | None, last_id: int) -> dict[str, 
         said = "assign wants --joint" if name is None else f"{name!r} is not a joint"
         raise RobolampError(f"{said}; expected one of {', '.join(lamp.names)}", "--joint")
     clock = MonotonicClock()
-    found = scan(port, clock, last=last_id)
+    found = everyone = scan(port, clock, last=last_id)
     done = {other.id for other in lamp.joints if other is not joint}  # servos that are another joint's already
     new = [servo for servo in found if servo.baud != lamp.bus_baud or servo.id not in done]
     found = new if len(found) > 1 else found
@@ -147,10 +212,10 @@ def _assign(port: str, lamp: Lamp, name: str | None, last_id: int) -> dict[str, 
         said = ", ".join(f"id {servo.id} at {servo.baud} baud" for servo in found) or "none"
         raise RobolampError(f"expected one servo alone on the line, or one that is no joint's yet; found {said}", port)
     model = found[0].model
-    if model is None or model.name != joint.servo:
+    if not found[0].doubled and (model is None or model.name != joint.servo):
         what = model.name if model else f"model number {found[0].model_number}"
         raise RobolampError(f"{joint.name} is {joint.servo} in {lamp.path.name}; this servo is {what}", port)
-    assign(port, clock, found[0], joint.id, lamp.bus_baud)
+    assign(port, clock, found[0], joint.id, lamp.bus_baud, everyone)
     said = f"{joint.name}: id {joint.id}, {lamp.bus_baud} baud, return delay 0 (was id {found[0].id}, {found[0].baud})"
     return {"joint": joint.name, "id": joint.id, "baud": lamp.bus_baud, "was": _row(found[0]), "said": said}
 
@@ -158,17 +223,22 @@ def _assign(port: str, lamp: Lamp, name: str | None, last_id: int) -> dict[str, 
 def _zero(port: str, lamp: Lamp, keep_signs: bool, ask: Ask | None) -> dict[str, Any]:
     from robolamp.dynamixel.bus import SETTING_PATIENCE, Bus
     from robolamp.dynamixel.servos import Servos
-    from robolamp.robot.preflight import check_servos
+    from robolamp.robot.preflight import PATIENCE, check_meaning
+    from robolamp.robot.roll import check_servos
     from robolamp.robot.setup import edit_lamp, set_joint, sign_of
     from robolamp.runtime.clock import MonotonicClock
 
     if ask is None and not keep_signs:
         raise RobolampError("finding signs needs a pose for each joint: --keep-signs, or without --yes", "--yes")
+    doubtful = [f"{joint.name}'s ({joint.sign_wanted})" for joint in lamp.joints if joint.sign_wanted]
+    if keep_signs and doubtful:
+        raise RobolampError(f"the signs must be found again: {', '.join(doubtful)}", "--keep-signs")
     path = _writable(lamp)
     bus = Bus(port, lamp.bus_baud, MonotonicClock(), labels=dict(_labels(lamp)), patience=SETTING_PATIENCE)
     bus.open()
     try:
-        models, _ = check_servos(lamp, bus)
+        models, _ = check_servos(lamp, bus, PATIENCE)
+        check_meaning(lamp, bus, models)
         servos = Servos(bus, [joint.id for joint in lamp.joints], models)
         if (servos.read().torque != 0).any():
             raise RobolampError("torque is on; `robolamp stop` first, holding the lamp", bus.name)
@@ -187,7 +257,9 @@ def _zero(port: str, lamp: Lamp, keep_signs: bool, ask: Ask | None) -> dict[str,
 
     def change(document: Any) -> None:
         for index, (sign, zero) in enumerate(zip(signs, zeros, strict=True)):
-            set_joint(document, index, sign=sign, zero=round(zero, 6))
+            set_joint(document, index, sign=sign, zero=round(zero, 6), zero_wanted="")
+            if not keep_signs:
+                set_joint(document, index, sign_wanted="")
 
     edit_lamp(path, change)
     said = "\n".join(
@@ -199,7 +271,7 @@ def _zero(port: str, lamp: Lamp, keep_signs: bool, ask: Ask | None) -> dict[str,
 
 def _foot(port: str, lamp: Lamp, weight: float | None, ask: Ask | None) -> dict[str, Any]:
     from robolamp.foot.sensor import FootSensor
-    from robolamp.robot.setup import edit_lamp, foot_mean, set_foot
+    from robolamp.robot.setup import check_stands, check_tare, edit_lamp, foot_mean, set_foot
     from robolamp.runtime.clock import MonotonicClock
 
     if weight is not None and not 0.05 <= weight <= 5.0:
@@ -214,6 +286,10 @@ def _foot(port: str, lamp: Lamp, weight: float | None, ask: Ask | None) -> dict[
             if ask:
                 ask("Lift the lamp: nothing touches its foot.")
             tare = foot_mean(sensor, clock, _LOOK)
+            check_tare(tare, lamp)
+            if ask and weight is None:
+                ask("Stand the lamp on its foot.")
+                check_stands(foot_mean(sensor, clock, _LOOK), tare, lamp)
         if weight is not None:
             if ask:
                 ask(f"Set {weight:g} kg on the plate of the foot, the lamp lying on its side or held.")
@@ -248,7 +324,9 @@ def _check(port: str, foot_port: str, lamp: Lamp, fix: bool) -> dict[str, Any]:
 
 def _row(servo: Found) -> dict[str, Any]:
     name = servo.model.name if servo.model else f"model number {servo.model_number}"
-    return {"id": servo.id, "baud": servo.baud, "model": name, "firmware": servo.firmware}
+    known = servo.firmware if servo.firmware >= 0 else None
+    row = {"id": servo.id, "baud": servo.baud, "model": name, "firmware": known}
+    return {**row, "doubled": True} if servo.doubled else row
 
 
 def _labels(lamp: Lamp) -> list[tuple[int, str]]:
@@ -262,8 +340,11 @@ def _legal_id(value: int) -> int:
 
 
 def _writable(lamp: Lamp) -> Path:
-    if "_assets" in lamp.path.parts:
-        raise RobolampError("is part of the installed package; give a folder of your own with --lamp", str(lamp.path))
+    from robolamp.robot.setup import read_only
+
+    why = read_only(lamp.path)
+    if why:
+        raise RobolampError(why, str(lamp.path))
     return lamp.path
 
 

@@ -37,10 +37,18 @@ instruction was given up would pass for the next one's."""
 ATTEMPTS = 3
 """How often a single read, write or ping is tried; a sync read inside a tick is not repeated."""
 
+_TABLE = 147  # bytes: from Model Number to Present Temperature, nearly all that two servos may differ in
+_SURE = 2  # clean answers after which a servo is alone with its id
+_SUSPECT = 6  # answers garbled or doubled before that: one in five, as on a very bad line, comes to 1 in 2,000
+_QUIET = 0.005  # s: after an answer no other follows any more (Return Delay Time is 0.5 ms at most)
+_MOST_HEARD = 1024  # bytes: a line that babbles must not hold up what asks
+_SILENCE = 3  # questions in a row that nobody answers
+_BETWEEN_PINGS = 0.003  # s an id, as dynamixel-sdk waits for a broadcast ping
 _APART = 3  # single reads in a row that ask for different numbers of bytes
 _HEADER = b"\xff\xff\xfd\x00"
 _BROADCAST = 0xFE
 _PING, _READ, _WRITE, _REBOOT, _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x01, 0x02, 0x03, 0x08, 0x82, 0x83, 0x8A
+_STATUS = 0x55
 _WRONG_CRC = 3
 _STATUS_BYTES = 11  # a status packet without data: header 4, id, length 2, instruction, ERR, CRC 2
 _updated = Protocol2PacketHandler().updateCRC
@@ -136,14 +144,35 @@ class Bus:
         return f"{self._labels[servo]} (id {servo})" if servo in self._labels else f"servo {servo}"
 
     @contextlib.contextmanager
-    def patient(self) -> Iterator[None]:
-        """Wait SETTING_PATIENCE for answers to sync reads too, inside the `with`: for readings outside a tick."""
+    def patient(self, patience: float = SETTING_PATIENCE) -> Iterator[None]:
+        """Wait longer for answers inside the `with`, to sync reads too: for readings outside a tick.
+
+        Args:
+            patience: How long at least, beyond their time on the wire [s].
+        """
         before = self._patience
-        self._patience = max(before, SETTING_PATIENCE)
+        self._patience = max(before, patience)
         try:
             yield
         finally:
             self._patience = before
+
+    @contextlib.contextmanager
+    def at_rate(self, baud: int) -> Iterator[bool]:
+        """Use another baud rate inside the `with`; yields whether the port has it.
+
+        Args:
+            baud: The rate [1/s].
+
+        Raises:
+            BusError: The port is gone.
+        """
+        before = self._baud
+        try:
+            yield self._set_rate(baud)
+        finally:
+            if not self._set_rate(before):
+                raise BusError(f"the port does not go back to {before} baud", self.name)
 
     def ping(self, servo: int, *, attempts: int = ATTEMPTS) -> Identity | None:
         """Return what a servo is, or None if it does not answer.
@@ -161,6 +190,58 @@ class Bus:
         if status.refusal:
             raise BusError(f"{self.label(servo)} refuses the ping: {status.refusal}", self.name)
         return Identity(int.from_bytes(status.data[:2], "little"), status.data[2])
+
+    def stirs(self, servo: int) -> bool:
+        """Return whether anything comes after a ping, garbled or not.
+
+        Args:
+            servo: The id.
+
+        Raises:
+            BusError: The port is gone.
+        """
+        return bool(self._hear(servo, _PING, b"", 3))
+
+    def present(self) -> list[int]:
+        """Return the ids that answer a ping to all, in ascending order.
+
+        Raises:
+            BusError: The port is gone.
+        """
+        with self._line():
+            self._send(_BROADCAST, _PING, b"")
+            self._wait(_BROADCAST * (_STATUS_BYTES + 3), self._patience + _BROADCAST * _BETWEEN_PINGS)
+            data = b""
+            while not self._port.isPacketTimeout():
+                data += self._port.readPort(1)
+        return sorted(set(_senders(data)))
+
+    def doubled(self, servo: int) -> bool:
+        """Return whether several servos answer to an id; nothing is written.
+
+        Their answers overlap, and what is heard of them is garbled unless they say the very same at the same time; or
+        they follow each other, as with different Return Delay Times. Nearly the whole control table is asked for: two
+        servos differ somewhere in it (position, voltage, time since power-on). Where nobody answers a read, as at
+        Status Return Level 0, pings must do.
+
+        Args:
+            servo: The id.
+
+        Raises:
+            BusError: The port is gone.
+        """
+        whole = (0).to_bytes(2, "little") + _TABLE.to_bytes(2, "little")
+        for instruction, parameters, length in ((_READ, whole, _TABLE), (_PING, b"", 3)):
+            clean = bad = silent = 0
+            while clean < _SURE and bad < _SUSPECT and silent < _SILENCE:
+                data = self._hear(servo, instruction, parameters, length)
+                answers = _senders(data).count(servo)
+                clean += answers == 1
+                bad += answers > 1 or (answers == 0 and len(data) > 0)
+                silent = 0 if data else silent + 1
+            if clean >= _SURE or bad >= _SUSPECT:
+                return bad >= _SUSPECT
+        return False
 
     def read(self, servo: int, register: Register) -> int:
         """Return a register's value, in counts.
@@ -275,6 +356,15 @@ class Bus:
         with self._line():
             self._tell(_BROADCAST, _WRITE, register.address.to_bytes(2, "little") + _encoded(register, value))
 
+    def tell(self, servo: int, register: Register, value: int) -> None:
+        """Write a register of a servo that may not answer writes, in counts; nothing is waited for.
+
+        Raises:
+            BusError: The port is gone.
+        """
+        with self._line():
+            self._tell(servo, _WRITE, register.address.to_bytes(2, "little") + _encoded(register, value))
+
     def sync_write(self, register: Register, values: Mapping[int, int]) -> None:
         """Write one register of several servos, in counts, with one instruction that nobody answers.
 
@@ -326,6 +416,30 @@ class Bus:
                         return status
         return damaged
 
+    def _hear(self, servo: int, instruction: int, parameters: bytes, length: int) -> bytes:
+        """Return every byte that comes after an instruction, until its answer is over."""
+        size = _STATUS_BYTES + length
+        data = b""
+        with self._line():
+            self._send(servo, instruction, parameters)
+            self._wait(size, max(self._patience, SETTING_PATIENCE))
+            while len(data) < _MOST_HEARD and not self._port.isPacketTimeout():
+                piece = self._port.readPort(1)
+                data += piece
+                if piece and len(data) >= size:
+                    self._wait(size, _QUIET)
+        return data
+
+    def _set_rate(self, baud: int) -> bool:
+        with self._line():
+            try:
+                done = self._port.setBaudRate(baud)
+            except ValueError:  # pyserial: the driver refused the rate
+                return False
+        if done:
+            self._baud = baud
+        return done
+
     def _send(self, servo: int, instruction: int, parameters: bytes) -> None:
         """Send an instruction that is answered."""
         self._port.is_using = False  # rxPacket leaves it so, except where it raised
@@ -373,6 +487,22 @@ def _packet(servo: int, instruction: int, parameters: bytes) -> bytes:
     stuffed = body.replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
     packet = _HEADER + bytes([servo]) + (len(stuffed) + 2).to_bytes(2, "little") + stuffed
     return packet + _updated(0, packet, len(packet)).to_bytes(2, "little")
+
+
+def _senders(data: bytes) -> list[int]:
+    """Return the ids of the undamaged status packets in some bytes."""
+    found: list[int] = []
+    at = data.find(_HEADER)
+    while at >= 0:
+        end = at + 7 + int.from_bytes(data[at + 5 : at + 7], "little")
+        packet = data[at:end]
+        good = len(packet) == end - at >= _STATUS_BYTES and packet[7] == _STATUS
+        if good and _updated(0, packet[:-2], len(packet) - 2) == int.from_bytes(packet[-2:], "little"):
+            found.append(packet[4])
+            at = data.find(_HEADER, end)
+        else:
+            at = data.find(_HEADER, at + 1)
+    return found
 
 
 def _named(register: Register) -> str:

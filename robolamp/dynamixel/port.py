@@ -32,6 +32,10 @@ class Port(Protocol):
         """Close it."""
         ...
 
+    def setBaudRate(self, baudrate: int) -> bool:
+        """Set its rate [1/s]; return whether it has it."""
+        ...
+
     def getBytesAvailable(self) -> int:
         """Return how many bytes were received and not read."""
         ...

@@ -217,6 +217,7 @@ class Model:
         indirect: Its indirect registers.
         fast_sync_read: First firmware version that answers Fast Sync Read (e-manual "Fast Sync Read").
         url: The e-manual's control table.
+        least_voltage: Lowest supply that it is made for [V] (e-manual "Specifications", "Input Voltage").
     """
 
     name: str
@@ -225,6 +226,7 @@ class Model:
     indirect: tuple[IndirectBlock, ...]
     fast_sync_read: int
     url: str
+    least_voltage: float
 
     def __getitem__(self, name: Name) -> Register:
         """Return a register by name."""
@@ -364,6 +366,7 @@ MODELS: Mapping[str, Model] = MappingProxyType(
             _X330_INDIRECT,
             46,
             _MANUAL.format("xl330-m288"),
+            3.7,
         ),
         "XL330-M077-T": Model(
             "XL330-M077-T",
@@ -384,6 +387,7 @@ MODELS: Mapping[str, Model] = MappingProxyType(
             _X330_INDIRECT,
             46,
             _MANUAL.format("xl330-m077"),
+            3.7,
         ),
         "XL430-W250-T": Model(
             "XL430-W250-T",
@@ -404,6 +408,7 @@ MODELS: Mapping[str, Model] = MappingProxyType(
             _X430_INDIRECT,
             45,
             _MANUAL.format("xl430-w250"),
+            6.5,
         ),
     }
 )

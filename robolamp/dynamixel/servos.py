@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,20 @@ _ALIKE = {  # counts that two readings of one servo, a few ms apart and at rest,
     Name.TORQUE_ENABLE: 0,
     Name.HARDWARE_ERROR_STATUS: 0,
 }
+
+AT_TORQUE_ON: Mapping[Name, int] = MappingProxyType(
+    {
+        Name.BUS_WATCHDOG: 0,  # first: while it is tripped, goals are refused
+        Name.PROFILE_ACCELERATION: 0,
+        Name.PROFILE_VELOCITY: 0,
+        Name.POSITION_D_GAIN: 0,
+        Name.POSITION_I_GAIN: 0,
+        Name.FEEDFORWARD_2ND_GAIN: 0,
+        Name.FEEDFORWARD_1ST_GAIN: 0,
+    }
+)
+"""What is written whenever torque goes on, besides P gain, Goal PWM, the goal and the Bus Watchdog: goals are followed
+at once, by proportional control alone, as the twin does it."""
 
 TORQUE_OFF_ATTEMPTS = 3
 """How often each servo is told to turn its torque off, on top of the bus's own attempts."""
@@ -144,7 +159,7 @@ class Servos:
         self._bus.write(self._ids[index], self._models[index][name], value)
 
     def torque_on(self, p_gain: Sequence[int], watchdog: float, duty: float = 1.0) -> None:
-        """Turn torque on: profile off, P gain set, goal := present, then torque, checked, each with its Bus Watchdog.
+        """Turn torque on: profile and other gains off, P gain set, goal := present, then torque, checked, and watchdog.
 
         A watchdog left tripped by an earlier run is cleared first: while it is tripped, goals are refused.
 
@@ -156,10 +171,9 @@ class Servos:
         Raises:
             BusError: A servo does not answer, refuses, or stays without torque.
         """
-        settings = (Name.BUS_WATCHDOG, Name.PROFILE_ACCELERATION, Name.PROFILE_VELOCITY)
         for servo, model, gain in zip(self._ids, self._models, p_gain, strict=True):
-            for name in settings:
-                self._bus.write(servo, model[name], 0)
+            for name, value in AT_TORQUE_ON.items():
+                self._bus.write(servo, model[name], value)
             self._bus.write(servo, model[Name.POSITION_P_GAIN], gain)
             self._bus.write(servo, model[Name.GOAL_PWM], round(duty * FULL_PWM))
         for index, (servo, model) in enumerate(zip(self._ids, self._models, strict=True)):

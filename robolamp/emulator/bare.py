@@ -15,7 +15,7 @@ from robolamp.emulator.injector import Injector
 from robolamp.emulator.line import GAP, Line, Reply
 from robolamp.emulator.motor import Motor
 from robolamp.emulator.pendulum import Pendulum, bent
-from robolamp.emulator.servo import Servo
+from robolamp.emulator.servo import WAKING, Servo
 from robolamp.emulator.servos_file import BareServo
 from robolamp.emulator.strike import strike
 
@@ -73,6 +73,7 @@ class BareServos:
                 self._senses(index),
                 own_loop=servo.pendulum is None,
                 store=store / f"servo-{index + 1}.toml" if store else None,
+                woke=index * WAKING,
             )
             for index, servo in enumerate(descriptions)
         )

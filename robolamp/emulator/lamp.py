@@ -19,7 +19,7 @@ from robolamp.emulator.foot import FootSensor
 from robolamp.emulator.injector import Injector
 from robolamp.emulator.line import GAP, Line, Reply
 from robolamp.emulator.plant import Plant
-from robolamp.emulator.servo import Drive, Sensed, Servo
+from robolamp.emulator.servo import WAKING, Drive, Sensed, Servo
 from robolamp.emulator.strike import strike
 from robolamp.errors import FileError
 from robolamp.lamp import Lamp
@@ -97,6 +97,7 @@ class EmulatedLamp:
                 {} if factory else {**eeprom, Name.ID: joint.id},
                 self._senses(index),
                 store=store / f"{joint.name}.toml" if store else None,
+                woke=index * WAKING,
             )
             for index, joint in enumerate(lamp.joints)
         )

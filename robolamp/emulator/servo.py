@@ -33,6 +33,10 @@ FIRMWARE = 52
 BOOT_TIME = 0.2
 """How long a servo is silent after REBOOT [s]. Estimate: the e-manual gives none."""
 
+WAKING = 0.003
+"""Between the servos of one line, how much longer than the last each has been awake [s]: no two start counting
+Realtime Tick(120) in the same millisecond. Estimate."""
+
 _TICKS = 32_768  # Realtime Tick(120) counts 0 to 32,767 ms
 _PRESENT_FROM, _PRESENT_TO = 120, 148  # Realtime Tick to Backup Ready, refreshed when a client reads them
 _GUARD_STEP = 0.01  # how often heat and errors are looked at [s]
@@ -49,6 +53,7 @@ class Servo:
         sense: Returns what its sensors measure at a time [s].
         own_loop: Regulate plain position control too, for a plant that is only a motor.
         store: File that keeps its EEPROM; what it holds goes before `eeprom`. None: EEPROM ends with the process.
+        woke: How much earlier than others that start with it its clock begins to count [s].
 
     Attributes:
         model: As given.
@@ -66,6 +71,7 @@ class Servo:
         *,
         own_loop: bool = False,
         store: Path | None = None,
+        woke: float = 0.0,
     ) -> None:
         self.model = model
         self._sense = sense
@@ -74,6 +80,7 @@ class Servo:
         self._memory = Memory(self._table, model, store)
         self._guard = Guard(DATASHEETS[model.name], self._table)
         self._booted = -math.inf
+        self._woke = woke
         self._fed = self._polled = self._guarded = 0.0
         self.written = -math.inf
         self._table.power_on()
@@ -106,8 +113,9 @@ class Servo:
         return self._guard.rise
 
     def hears(self, baud: int, time: float) -> bool:
-        """Return whether bytes at that rate [1/s] reach it at that time [s]: same rate, and not booting."""
-        return time >= self._booted and BAUD_CODES.get(baud) == self._table.get(Name.BAUD_RATE)
+        """Return whether it understands bytes at that rate [1/s] and time [s]: same rate, protocol 2.0, not booting."""
+        same = BAUD_CODES.get(baud) == self._table.get(Name.BAUD_RATE) and self._table.get(Name.PROTOCOL_TYPE) == 2
+        return time >= self._booted and same
 
     def drive(self) -> Drive:
         """Return what it does to its motor now: the same object for as long as that does not change."""
@@ -278,7 +286,7 @@ class Servo:
     def _power_on(self, time: float) -> None:
         """Give RAM its values at power-on."""
         self._memory.power_on()
-        self._started = time
+        self._started = time - self._woke
         self._registered: tuple[int, bytes] | None = None
         self._guard.restart()
         seen = self._sense(time)

@@ -67,6 +67,7 @@ class FootSensor:
     Attributes:
         name: The port's path.
         decoder: Counts frames, damage and losses.
+        gone: Whether the port went away since it was opened.
     """
 
     def __init__(
@@ -74,8 +75,10 @@ class FootSensor:
     ) -> None:
         self.name = port if isinstance(port, str) else type(port).__name__
         self.decoder = Decoder()
+        self.gone = False
         self._path = port if isinstance(port, str) else None
-        self._source: ByteSource | None = None if isinstance(port, str) else port
+        self._given: ByteSource | None = None if isinstance(port, str) else port
+        self._source = self._given
         self._baud = baud
         self._clock = clock
         self._tare = tare
@@ -92,7 +95,11 @@ class FootSensor:
         Raises:
             BusError: The port does not exist or may not be used.
         """
-        if self._path is None or self._source is not None:
+        if self._source is not None:
+            return
+        self.gone = False
+        if self._path is None:
+            self._source = self._given
             return
         try:
             port = serial.Serial(self._path, self._baud, timeout=0, exclusive=True)
@@ -128,6 +135,7 @@ class FootSensor:
                 if len(data) < _CHUNK:
                     break
         except _PORT_ERRORS as error:
+            self.gone = True
             raise BusError(f"the port is gone ({said_by(error)})", self.name) from None
         if frames:
             self._take(frames[-1], self._clock.now())

@@ -16,7 +16,7 @@ from robolamp.errors import BusError, SafetyError
 from robolamp.foot.sensor import ByteSource, FootSensor
 from robolamp.lamp import Lamp
 from robolamp.robot.frame import JointFrame
-from robolamp.robot.preflight import check_foot, check_servos, check_state, notices
+from robolamp.robot.preflight import preflight
 from robolamp.signals import Clock, Command, Health, Observation
 
 WATCHDOG = 0.2
@@ -75,7 +75,6 @@ class RobotLamp:
         if foot_port is not None:
             self._foot = FootSensor(foot_port, lamp.foot_baud, clock, tare=lamp.foot_tare, scale=lamp.foot_scale)
         self._servos: Servos | None = None
-        self._firmware: list[int] = []
         self._measured = np.full(len(lamp.joints), -math.inf)  # when each angle last came [s]
         self._asking = wire_time("question", len(lamp.joints), lamp.bus_baud)
         self._torque = False
@@ -109,7 +108,8 @@ class RobotLamp:
     def open(self) -> None:
         """Open both ports and check that the lamp may be moved; nothing moves.
 
-        Written are the servos' health blocks (RAM) and, only with `fix`, settings that are wrong.
+        Written are the servos' health blocks (RAM) and, only with `fix`, settings that are wrong, and lamp.toml where
+        that makes its zeros and signs wrong.
 
         Raises:
             BusError: A port does not exist, a servo or the foot sensor does not answer.
@@ -119,21 +119,24 @@ class RobotLamp:
             self._bus.open()
             if self._foot is not None:
                 self._foot.open()
-            models, identities = check_servos(self._lamp, self._bus)
-            ids = [joint.id for joint in self._lamp.joints]
-            servos = Servos(self._bus, ids, models)
-            self.mended = check_state(self._lamp, self._bus, servos, fix=self._fix)
-            if self._foot is not None:
-                check_foot(self._foot, self._clock, self._lamp.contact_on)
-            self.notices = notices(identities, models, [self._bus.label(servo) for servo in ids])
-            self._firmware = [identity.firmware for identity in identities]
-            servos.prepare(self._firmware)
+            self._check(fix=self._fix)
         except BaseException:
+            self._servos = None
             self._shut()
             raise
-        self._servos = servos
         self._damage()  # what came before is not of the run
         self.observe()  # from here on, ages count from a real reading
+
+    def _check(self, *, fix: bool = False, holding: bool = False) -> None:
+        """Run the whole preflight, and take the servos for the run.
+
+        Raises:
+            BusError, SafetyError: As `preflight`.
+        """
+        passed = preflight(self._lamp, self._bus, self._foot, self._clock, fix=fix, holding=holding)
+        self.mended, self.notices = [*self.mended, *passed.mended], list(passed.notices)
+        passed.servos.prepare(passed.firmware)
+        self._servos = passed.servos
 
     def torque(self, on: bool) -> None:
         """Turn torque on (goal := present first, then its Bus Watchdog) or off (each servo on its own).
@@ -223,10 +226,14 @@ class RobotLamp:
         self._spoke = now
 
     def reconnect(self) -> bool:
-        """Open the servo port again after it went away, once; torque is left as it is.
+        """Open ports that went away again, once, and run the whole preflight as `open` does; torque is left as it is.
 
         Returns:
-            Whether every servo answers again. Until `torque(True)` each may be stopped by its watchdog.
+            Whether the lamp is back and fit: everything answers. Until `torque(True)` each servo may be stopped by its
+            watchdog.
+
+        Raises:
+            SafetyError: It is back, and not fit to be moved: another model, settings, state, angle, or foot.
         """
         if self._servos is None:
             return False
@@ -235,9 +242,13 @@ class RobotLamp:
             self._bus.open()
             if any(self._bus.ping(joint.id) is None for joint in self._lamp.joints):
                 return False
-            self._servos.prepare(self._firmware)
+            if self._foot is not None and self._foot.gone:
+                self._foot.close()
+                self._foot.open()
+            self._check(holding=True)
         except BusError:
             return False
+        self._damage()
         return True
 
     def close(self) -> None:

@@ -3,22 +3,41 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robolamp.dynamixel.bus import Bus, Identity
-from robolamp.dynamixel.registers import MODELS, HardwareError, Model, model_by_number
+from robolamp.dynamixel.registers import (
+    COUNTS_PER_TURN,
+    MODELS,
+    RAD_PER_COUNT,
+    VOLTAGE_UNIT,
+    HardwareError,
+    Model,
+    Name,
+)
 from robolamp.dynamixel.servos import Servos
-from robolamp.errors import BusError, FileError, SafetyError
+from robolamp.dynamixel.state import ServoState
+from robolamp.errors import BusError, FileError, RobolampError, SafetyError
 from robolamp.files import read_text
 from robolamp.foot.sensor import FootSensor
 from robolamp.lamp import Joint, Lamp
 from robolamp.robot.frame import JointFrame
-from robolamp.robot.settings import limits_of, wrong_settings
+from robolamp.robot.roll import Roll, call_roll
+from robolamp.robot.settings import RULES, Setting, named, wrong_settings
+from robolamp.robot.setup import edit_lamp, read_only, set_joint
 from robolamp.signals import Clock
+
+PATIENCE = 0.3
+"""How long an answer may be late before the start [s]: a busy computer must not look like a broken cable.
+Chosen; inside a tick there is no time for that."""
+
+TABLE = 147
+"""How many bytes of a servo's control table are read: Model Number(0) to Present Temperature(146)."""
 
 FOOT_WAIT = 0.5
 """How long a foot sensor has for its first frame, and for a force that a standing lamp can have [s]."""
@@ -36,6 +55,7 @@ SYSFS = Path("/sys/bus/usb-serial/devices")
 """Where Linux keeps the latency timers of USB serial adapters."""
 
 _POLL = 0.002  # s: between two looks at the foot sensor
+_ROUNDS = 2  # of mending: what is wrong with a servo that answered no reads is seen only in the second
 
 
 @dataclass(frozen=True)
@@ -45,100 +65,239 @@ class Finding:
     Attributes:
         text: What is wrong, and how to mend it.
         fix: Mends it by software; None where hands are needed.
+        index: Which joint's servo `marks` is for.
+        marks: What `fix` makes wrong in lamp.toml: keys of the joint, written before it.
+        answers: Whether the servo answers at all.
     """
 
     text: str
     fix: Callable[[], None] | None = None
+    index: int = 0
+    marks: Mapping[str, str] = field(default_factory=dict)
+    answers: bool = True
 
 
-def check_servos(lamp: Lamp, bus: Bus) -> tuple[list[Model], list[Identity]]:
-    """Ping every servo of the lamp.
+@dataclass(frozen=True)
+class Passed:
+    """A lamp that may be moved.
 
-    Returns:
-        Their models and what they answered, in the order of the joints.
-
-    Raises:
-        BusError: One does not answer.
-        SafetyError: One is another model than the lamp's description says.
+    Attributes:
+        servos: Its servos.
+        firmware: Their firmware versions.
+        mended: What was mended, one text each.
+        notices: What is not wrong, but could be better.
     """
-    models: list[Model] = []
-    identities: list[Identity] = []
-    for joint in lamp.joints:
-        identity = bus.ping(joint.id)
-        if identity is None:
-            raise BusError(
-                f"{bus.label(joint.id)} does not answer to a ping at {lamp.bus_baud} baud; check its supply, its cable "
-                f"and its id (as in {lamp.path.name})",
-                bus.name,
-            )
-        expected = MODELS[joint.servo]
-        if identity.model_number != expected.number:
-            found = model_by_number(identity.model_number)
-            name = found.name if found else f"model number {identity.model_number}"
-            raise SafetyError(f"{bus.label(joint.id)} is {name}; {lamp.path.name} says {joint.servo}", bus.name)
-        models.append(expected)
-        identities.append(identity)
-    return models, identities
+
+    servos: Servos
+    firmware: Sequence[int]
+    mended: Sequence[str]
+    notices: Sequence[str]
 
 
-def check_state(lamp: Lamp, bus: Bus, servos: Servos, *, fix: bool = False) -> list[str]:
-    """Check the servos' settings and state, and the port, against the lamp's description.
+def preflight(
+    lamp: Lamp, bus: Bus, foot: FootSensor | None, clock: Clock, *, fix: bool = False, holding: bool = False
+) -> Passed:
+    """Check servos, their settings and state, the port and the foot sensor against the lamp's description.
 
     Args:
         lamp: Its description.
         bus: The open bus.
-        servos: The lamp's servos on it.
-        fix: Mend what software may mend (settings in EEPROM, the latency timer); otherwise nothing is written.
-
-    Returns:
-        What was mended, one text each.
+        foot: The open foot sensor; None: there is none.
+        clock: Measures how long to wait for the foot sensor.
+        fix: Mend what software may mend; otherwise nothing is written.
+        holding: Whether torque may be on: servos hold where they are after their port went away.
 
     Raises:
-        SafetyError: Something is wrong; the message names everything that is, each with its remedy.
-        BusError: A servo does not answer.
+        SafetyError: Something is wrong; the message names everything that is, each with its remedy, and what was
+            mended before that.
+        BusError: A servo or the foot sensor does not answer; the message is the same.
     """
-    found = findings(lamp, bus, servos)
     mended: list[str] = []
-    if fix:
-        for finding in found:
-            if finding.fix is not None:
-                finding.fix()
-                mended.append(finding.text)
-        found = findings(lamp, bus, servos) if mended else found
-    if found:
-        texts = "; ".join(finding.text for finding in found)
+    failed: list[str] = []
+    with bus.patient(PATIENCE):
+        roll, found = _look(lamp, bus, holding)
+        for _ in range(_ROUNDS if fix and not roll.doubled else 0):
+            lamp, done, failed = _mend(lamp, found)
+            mended += done
+            if not done:
+                break
+            roll, found = _look(lamp, bus, holding)
+    texts = [finding.text for finding in found] + failed
+    absent = not all(finding.answers for finding in found)
+    where = bus.name
+    if foot is not None:
+        try:
+            check_foot(foot, clock, lamp.contact_on)
+        except (BusError, SafetyError) as error:
+            texts.append(error.message)
+            where = bus.name if found else error.where
+            absent = absent or isinstance(error, BusError)
+    if texts:
         hint = " (--fix mends what software may)" if not fix and any(finding.fix for finding in found) else ""
-        raise SafetyError(f"not ready: {texts}{hint}", bus.name)
-    return mended
+        before = "".join(f"mended: {text}; " for text in mended)
+        raise (BusError if absent else SafetyError)(f"{before}not ready: {'; '.join(texts)}{hint}", where)
+    identities = [roll.present[index] for index in range(len(lamp.joints))]
+    ids, models = [joint.id for joint in lamp.joints], [MODELS[joint.servo] for joint in lamp.joints]
+    said = notices(identities, models, [bus.label(servo) for servo in ids])
+    return Passed(Servos(bus, ids, models), [identity.firmware for identity in identities], mended, said)
 
 
-def findings(lamp: Lamp, bus: Bus, servos: Servos) -> list[Finding]:
-    """Return everything that is wrong with servos and port; nothing is written.
+def read_table(bus: Bus, servo: int, model: Model) -> dict[Name, int]:
+    """Return a servo's registers from Model Number(0) to Present Temperature(146), in counts.
 
     Raises:
+        BusError: It does not answer or refuses.
+    """
+    data = bus.read_bytes(servo, 0, TABLE)
+    return {
+        name: int.from_bytes(data[row.address : row.address + row.size], "little", signed=row.signed)
+        for name, row in model.registers.items()
+        if row.address + row.size <= TABLE
+    }
+
+
+def check_meaning(lamp: Lamp, bus: Bus, models: Sequence[Model]) -> None:
+    """Check the settings by which servo angles get their meaning, before zeros and signs are found.
+
+    Raises:
+        SafetyError: One is wrong: mended later, it would make zeros and signs wrong.
         BusError: A servo does not answer.
     """
+    texts: list[str] = []
+    for joint, model in zip(lamp.joints, models, strict=True):
+        wrong = wrong_settings(model, read_table(bus, joint.id, model), 0.0, 0.0)
+        texts += [f"{bus.label(joint.id)}: {setting.text}" for setting in wrong if setting.upset]
+    if texts:
+        raise SafetyError(f"{'; '.join(texts)}; `robolamp setup check --fix` first, it changes what is found", bus.name)
+
+
+def _look(lamp: Lamp, bus: Bus, holding: bool) -> tuple[Roll, list[Finding]]:
+    """Call the roll and return everything that is wrong with servos and port; nothing is written."""
+    roll = call_roll(lamp, bus, PATIENCE)
+    found = [Finding(text, answers=False) for text in roll.missing] + [Finding(text) for text in roll.wrong]
+    found += _latency(bus)
     frame = JointFrame(lamp)
-    with bus.patient():
+    ends = np.sort(np.stack([frame.servo_angle(lamp.lower), frame.servo_angle(lamp.upper)]), axis=0)
+    tables: dict[int, dict[Name, int]] = {}
+    unread: list[Finding] = []
+    for index in sorted(roll.present):
+        joint = lamp.joints[index]
+        try:
+            tables[index] = read_table(bus, joint.id, MODELS[joint.servo])
+        except BusError:
+            if bus.gone:
+                raise
+            unread.append(_level_zero(bus, joint))
+    found += unread
+    angle, state = _state_of(lamp, bus, tables)
+    for index, joint in enumerate(lamp.joints):
+        label = bus.label(joint.id)
+        found += _wanted(joint, label)
+        if index not in tables:
+            continue
+        table, model = tables[index], MODELS[joint.servo]
+        on = bool(table[Name.TORQUE_ENABLE]) and not holding
+        if on:
+            found.append(
+                Finding(f"{label}: Torque Enable(64) is 1, not 0; `robolamp stop` first, holding the lamp: it sinks")
+            )
+        for setting in wrong_settings(model, table, ends[0, index], ends[1, index]):
+            found.append(_setting(lamp, bus, index, setting, locked=on))
+        if math.isnan(angle[index]) or math.isnan(state.voltage[index]) or state.hardware_error[index] < 0:
+            found.append(Finding(f"{label} answers to a ping, but not to a sync read", answers=False))
+            continue
+        low, high = (table[name] * VOLTAGE_UNIT for name in (Name.MIN_VOLTAGE_LIMIT, Name.MAX_VOLTAGE_LIMIT))
+        heat, error = state.temperature[index], int(state.hardware_error[index])
+        found += [Finding(f"{label}: {text}") for text in _state(model, error, state.voltage[index], heat, low, high)]
+        found += _angle(lamp, joint, label, float(angle[index]), table)
+    return roll, found
+
+
+def _state_of(lamp: Lamp, bus: Bus, present: Iterable[int]) -> tuple[NDArray[np.float64], ServoState]:
+    """Return joint angles [rad] and what servos say of themselves; NaN and -1 for those that are not present."""
+    whole = ServoState.unknown(len(lamp.joints))
+    at = sorted(present)
+    if at:
+        servos = Servos(bus, [lamp.joints[i].id for i in at], [MODELS[lamp.joints[i].servo] for i in at])
         state = servos.read()
         for _ in range(LOOKS - 1):
             if np.isfinite(state.position).all() and np.isfinite(state.voltage).all() and (state.torque >= 0).all():
                 break
             state = servos.read()
-    angle = frame.joint_angle(state.position)
-    ends = np.sort(np.stack([frame.servo_angle(lamp.lower), frame.servo_angle(lamp.upper)]), axis=0)
-    found = list(_latency(bus))
-    for index, joint in enumerate(lamp.joints):
-        label = bus.label(joint.id)
-        for setting in wrong_settings(servos, index, MODELS[joint.servo], ends[0, index], ends[1, index]):
-            found.append(Finding(f"{label}: {setting.text}", setting.write if setting.registers else None))
-        error, voltage, heat = (int(state.hardware_error[index]), state.voltage[index], state.temperature[index])
-        if error < 0 or math.isnan(voltage) or math.isnan(angle[index]):
-            raise BusError(f"{label} answers to a ping, but not to a sync read", bus.name)
-        low, high = limits_of(servos, index)
-        found += [Finding(f"{label}: {text}") for text in _state(error, voltage, heat, low, high)]
-        found += _angle(lamp, joint, label, float(angle[index]))
-    return found
+        for name in ("position", "voltage", "temperature", "hardware_error"):
+            getattr(whole, name)[at] = getattr(state, name)
+    return JointFrame(lamp).joint_angle(whole.position), whole
+
+
+def _mend(lamp: Lamp, found: Sequence[Finding]) -> tuple[Lamp, list[str], list[str]]:
+    """Mend what software may; return the lamp, now with what it wants, what was mended, and what could not be."""
+    done: list[str] = []
+    failed: list[str] = []
+    for finding in found:
+        if finding.fix is None:
+            continue
+        try:
+            if finding.marks:  # first: whatever happens, the lamp is not taken for ready
+                marks = {
+                    key: text for key, text in finding.marks.items() if not getattr(lamp.joints[finding.index], key)
+                }
+                edit_lamp(lamp.path, lambda document, i=finding.index, m=marks: set_joint(document, i, **m))
+                joints = list(lamp.joints)
+                joints[finding.index] = replace(joints[finding.index], **marks)
+                lamp = replace(lamp, joints=tuple(joints))
+            finding.fix()
+        except RobolampError as error:
+            failed.append(f"not mended: {error}")
+        else:
+            done.append(finding.text)
+    return lamp, done, failed
+
+
+def _setting(lamp: Lamp, bus: Bus, index: int, setting: Setting, *, locked: bool) -> Finding:
+    """Return what is found where a register is wrong."""
+    joint = lamp.joints[index]
+    model, label = MODELS[joint.servo], bus.label(joint.id)
+    text = f"{label}: {setting.text}"
+    marks = {f"{what}_wanted": f"{named(model, setting.name)} was {setting.found}" for what in setting.upset}
+    if not setting.right or (locked and model[setting.name].eeprom):
+        return Finding(text)
+    if marks:
+        text += f", then `robolamp setup zero`: {' and '.join(setting.upset)} mean something else then"
+        held = read_only(lamp.path)
+        if held:
+            return Finding(f"{text} (not by --fix: {lamp.path} {held}, and could not keep that)")
+    if setting.name is Name.STATUS_RETURN_LEVEL:
+        return Finding(text, lambda: _set_level(bus, joint.id, model))
+
+    def write() -> None:
+        for name, value in setting.right.items():
+            bus.write(joint.id, model[name], value)
+
+    return Finding(text, write, index, marks)
+
+
+def _level_zero(bus: Bus, joint: Joint) -> Finding:
+    model = MODELS[joint.servo]
+    right = RULES[Name.STATUS_RETURN_LEVEL].value
+    text = f"{named(model, Name.STATUS_RETURN_LEVEL)} is 0, not {right} (it answers pings and no reads); write {right}"
+    return Finding(f"{bus.label(joint.id)}: {text}", lambda: _set_level(bus, joint.id, model))
+
+
+def _set_level(bus: Bus, servo: int, model: Model) -> None:
+    """Let a servo answer everything, and see that it does; it may not answer this."""
+    level, right = model[Name.STATUS_RETURN_LEVEL], RULES[Name.STATUS_RETURN_LEVEL].value or 0
+    bus.tell(servo, level, right)
+    if bus.read(servo, level) != right:
+        bus.write(servo, level, right)
+
+
+def _wanted(joint: Joint, label: str) -> Iterator[Finding]:
+    wanted = {what: why for what, why in (("zero", joint.zero_wanted), ("sign", joint.sign_wanted)) if why}
+    if wanted:
+        why = " and ".join(dict.fromkeys(wanted.values()))
+        yield Finding(
+            f"{label}: {' and '.join(wanted)} must be found again, for {why} when found; `robolamp setup zero`"
+        )
 
 
 def notices(identities: Sequence[Identity], models: Sequence[Model], labels: Sequence[str]) -> list[str]:
@@ -170,9 +329,9 @@ def check_foot(foot: FootSensor, clock: Clock, contact_on: float = 0.0) -> None:
         SafetyError: The sensor is not connected, or shows what it cannot show if it is tared.
     """
     deadline = clock.now() + FOOT_WAIT
+    frame = None  # what came before does not count: after a replug it may be long ago
     while True:
-        foot.poll()
-        frame = foot.newest
+        frame = next(reversed(foot.poll()), frame)
         if frame is not None and not frame.disconnected and contact_on <= foot.force <= FOOT_MOST:
             return
         if clock.now() >= deadline:
@@ -213,20 +372,33 @@ def _latency(bus: Bus) -> Iterator[Finding]:
         yield Finding(f"the adapter's latency timer is {milliseconds} ms, not 1; `echo 1 | sudo tee {path}`", fix)
 
 
-def _angle(lamp: Lamp, joint: Joint, label: str, angle: float) -> Iterator[Finding]:
+def _angle(lamp: Lamp, joint: Joint, label: str, angle: float, table: Mapping[Name, int]) -> Iterator[Finding]:
     low, high = joint.lower - lamp.preflight_angle, joint.upper + lamp.preflight_angle
     if not low <= angle <= high:
         yield Finding(
             f"{label}: stands at {angle:.2f} rad, outside {low:.2f} to {high:.2f}; put the lamp upright by hand, or "
             f"set sign and zero in {lamp.path.name} (`robolamp setup zero`)"
         )
+        return
+    count, bottom, top = (
+        table[name] for name in (Name.PRESENT_POSITION, Name.MIN_POSITION_LIMIT, Name.MAX_POSITION_LIMIT)
+    )
+    turned = count % COUNTS_PER_TURN
+    if not bottom <= turned <= top:
+        yield Finding(
+            f"{label}: stands at {turned * RAD_PER_COUNT:.2f} rad of the servo's turn, outside its Position Limits "
+            f"(52, 48) of {bottom * RAD_PER_COUNT:.2f} to {top * RAD_PER_COUNT:.2f}, where it refuses goals; "
+            "put the lamp upright by hand"
+        )
 
 
-def _state(error: int, voltage: float, temperature: float, low: float, high: float) -> Iterator[str]:
+def _state(model: Model, error: int, voltage: float, temperature: float, low: float, high: float) -> Iterator[str]:
     if error:
         words = HardwareError.words(error)
         yield f"Hardware Error Status(70) is {error:#04x} ({words}); find the cause, then power it off and on"
     if not low <= voltage <= high:
         yield f"has {voltage:.1f} V, outside its limits of {low:.1f} to {high:.1f} V; check the supply"
+    elif voltage < model.least_voltage - VOLTAGE_UNIT / 2:
+        yield f"has {voltage:.1f} V, less than the {model.least_voltage:g} V an {model.name} wants; check the supply"
     if temperature > WARM:
         yield f"has {temperature:.0f} degC, more than {WARM:g}; let it cool"

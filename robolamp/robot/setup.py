@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,11 +19,10 @@ from robolamp.dynamixel.registers import BAUD_CODES, MODELS, Model, Name, model_
 from robolamp.errors import BusError, SafetyError
 from robolamp.files import MOST_TOML, parse_toml, read_text, write_atomic
 from robolamp.foot.sensor import FootSensor
+from robolamp.lamp import Lamp
 from robolamp.robot.frame import wrapped
+from robolamp.robot.roll import BABBLE, NOBODY, RATES, said_of_doubles
 from robolamp.signals import Clock
-
-SCAN_RATES = (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000, 9600)
-"""Baud rates that `scan` tries, in this order [1/s]: the lamp's, then the factory's."""
 
 PUSH = 0.1
 """Smallest movement by which a push shows a sign [rad]: six degrees, more than a hand's shaking."""
@@ -41,6 +41,7 @@ class Found:
         model: Its model, or None for one that robolamp does not know.
         model_number: Its Model Number(0).
         firmware: Its firmware version.
+        doubled: Whether several servos answer to this id.
     """
 
     baud: int
@@ -48,9 +49,10 @@ class Found:
     model: Model | None
     model_number: int
     firmware: int
+    doubled: bool = False
 
 
-def scan(port: str | Port, clock: Clock, rates: Sequence[int] = SCAN_RATES, last: int = 20) -> list[Found]:
+def scan(port: str | Port, clock: Clock, rates: Sequence[int] = RATES, last: int = 20) -> list[Found]:
     """Ping every id at every baud rate.
 
     Args:
@@ -68,17 +70,21 @@ def scan(port: str | Port, clock: Clock, rates: Sequence[int] = SCAN_RATES, last
         bus.open()
         try:
             for servo in range(last + 1):
-                identity = bus.ping(servo, attempts=1)
-                if identity is not None:
-                    model = model_by_number(identity.model_number)
-                    found.append(Found(rate, servo, model, identity.model_number, identity.firmware))
+                if not bus.stirs(servo):
+                    continue
+                doubled, identity = bus.doubled(servo), bus.ping(servo)
+                if doubled and bus.doubled(NOBODY):
+                    raise BusError(BABBLE, bus.name)
+                if identity is not None or doubled:
+                    number, firmware = (identity.model_number, identity.firmware) if identity else (-1, -1)
+                    found.append(Found(rate, servo, model_by_number(number), number, firmware, doubled))
         finally:
             bus.close()
     return found
 
 
-def assign(port: str | Port, clock: Clock, found: Found, id: int, baud: int) -> None:
-    """Give a servo, alone on the line, its id and baud rate, and return delay 0; then see that it answers there.
+def assign(port: str | Port, clock: Clock, found: Found, id: int, baud: int, others: Sequence[Found] = ()) -> None:
+    """Give a servo, alone with its id, its id and baud rate, and return delay 0; then see that it answers there.
 
     Args:
         port: The servo port.
@@ -86,17 +92,30 @@ def assign(port: str | Port, clock: Clock, found: Found, id: int, baud: int) -> 
         found: The servo as it is now.
         id: Its new id.
         baud: Its new baud rate [1/s].
+        others: Who else answers on the line.
 
     Raises:
         BusError: It does not answer or refuses.
-        SafetyError: Its torque is on, or it is a model that robolamp does not know.
+        SafetyError: Its torque is on, it is a model that robolamp does not know, or others would obey too.
     """
     model = found.model
-    if model is None:
+    if model is None and not found.doubled:
         raise SafetyError(f"servo {found.id} has model number {found.model_number}; known are {', '.join(MODELS)}")
     bus = Bus(port, found.baud, clock, patience=SETTING_PATIENCE)
     bus.open()
     try:
+        if model is None or bus.doubled(found.id):
+            raise SafetyError(said_of_doubles(bus.label(found.id)), bus.name)
+        _answers_all(bus, found.id, model)
+        for other in others:
+            if other.baud == found.baud and other.model and other.id != found.id:
+                shadow = bus.read(other.id, other.model[Name.SHADOW_ID])
+                if shadow == found.id:
+                    raise SafetyError(
+                        f"servo {other.id}: Secondary(Shadow) ID(12) is {shadow}, not 255: it would obey what is "
+                        f"written to servo {found.id}; unplug it, or write 255",
+                        bus.name,
+                    )
         if bus.read(found.id, model[Name.TORQUE_ENABLE]):
             raise SafetyError(f"servo {found.id} has its torque on; `robolamp stop`, or power it off and on", bus.name)
         bus.write(found.id, model[Name.RETURN_DELAY_TIME], 0)
@@ -112,6 +131,23 @@ def assign(port: str | Port, clock: Clock, found: Found, id: int, baud: int) -> 
             raise BusError(f"the servo took id {id} and {baud} baud, and does not answer there", bus.name)
     finally:
         bus.close()
+
+
+def _answers_all(bus: Bus, servo: int, model: Model) -> None:
+    """Refuse a servo that would not confirm what is written to it."""
+    level = model[Name.STATUS_RETURN_LEVEL]
+    try:
+        found = bus.read(servo, level)
+    except BusError:
+        if bus.gone:
+            raise
+        found = 0
+    if found != level.initial:
+        raise SafetyError(
+            f"servo {servo}: Status Return Level(68) is {found}, not {level.initial}: it would not confirm what is "
+            "written to it; power it off and on",
+            bus.name,
+        )
 
 
 def mean_angle(samples: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -173,6 +209,61 @@ def foot_mean(foot: FootSensor, clock: Clock, seconds: float) -> float:
     return statistics.fmean(forces)
 
 
+def check_tare(tare: float, lamp: Lamp) -> None:
+    """Refuse a tare that has the weight of a lamp in it.
+
+    A sensor drifts by less than what counts as ground contact, or no lamp could use it; a standing lamp weighs more.
+
+    Args:
+        tare: What the sensor shows [N].
+        lamp: Its tare so far, its scale and its contact force.
+
+    Raises:
+        SafetyError: It is above the tare so far by a contact.
+    """
+    more = (tare - lamp.foot_tare) * lamp.foot_scale
+    if more >= lamp.contact_on:
+        raise SafetyError(
+            f"it shows {tare:.2f} N, {more:.2f} N above its tare so far ({lamp.foot_tare:g} N): something stands on it "
+            f"({lamp.contact_on:g} N is ground contact); lift the lamp. Where that is a new sensor's own offset, write "
+            f"foot.tare = {tare:.2f} into {lamp.path.name} first",
+            "the foot sensor",
+        )
+
+
+def check_stands(force: float, tare: float, lamp: Lamp) -> None:
+    """Refuse a tare above which the standing lamp does not show.
+
+    Args:
+        force: What the sensor shows with the lamp on its foot [N].
+        tare: What it showed before, with the lamp lifted [N].
+        lamp: Its scale and its contact force.
+
+    Raises:
+        SafetyError: The lamp shows less than a contact.
+    """
+    more = (force - tare) * lamp.foot_scale
+    if more < lamp.contact_on:
+        raise SafetyError(
+            f"the standing lamp shows {more:.2f} N above the lifted one, less than the {lamp.contact_on:g} N of a "
+            "ground contact: it was not lifted, or the sensor is broken",
+            "the foot sensor",
+        )
+
+
+def read_only(path: Path) -> str:
+    """Return why a lamp.toml cannot be changed; empty where it can.
+
+    Args:
+        path: The file.
+    """
+    if path.name != "lamp.toml":
+        return "is no lamp.toml"
+    if "_assets" in path.parts:
+        return "is part of the installed package; give a folder of your own with --lamp"
+    return "" if os.access(path.parent, os.W_OK) else "cannot be written; give a folder of your own with --lamp"
+
+
 def edit_lamp(path: Path, change: Callable[[Any], None]) -> None:
     """Change lamp.toml and keep its comments; a reader sees the old file or the new.
 
@@ -190,16 +281,20 @@ def edit_lamp(path: Path, change: Callable[[Any], None]) -> None:
     write_atomic(path, tomlkit.dumps(document))
 
 
-def set_joint(document: Any, index: int, **values: float) -> None:
-    """Set keys of a joint in a parsed lamp.toml, each where it stands.
+def set_joint(document: Any, index: int, **values: float | str) -> None:
+    """Set keys of a joint in a parsed lamp.toml, each where it stands; an empty text takes its key away.
 
     Args:
         document: The document, as `edit_lamp` hands it out.
         index: Which joint, from the foot up.
         values: The keys and their values.
     """
+    joint = document["joint"][index]
     for key, value in values.items():
-        document["joint"][index][key] = value
+        if value != "":
+            joint[key] = value
+        elif key in joint:
+            del joint[key]
 
 
 def set_foot(document: Any, tare: float, scale: float | None) -> None:
