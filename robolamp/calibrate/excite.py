@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.controller.envelope import Envelope
+from robolamp.controller.hops import SignalLimits
 from robolamp.controller.pilot import PilotStep
-from robolamp.controller.terminals import SignalLimits, Signals
+from robolamp.controller.terminals import Signals
 from robolamp.lamp import Lamp
 from robolamp.signals import Interventions, Observation
 
@@ -128,7 +129,7 @@ class ExcitationPilot:
         self._excitation = excitation
         self.control_period = excitation.period
         self._envelope = Envelope(lamp.lower, lamp.upper, lamp.slew, excitation.period, np.zeros((1, n)))
-        self._contact = Signals(1, n, SignalLimits(excitation.period, lamp.contact_on, lamp.contact_off), ())
+        self._contact = Signals(1, n, SignalLimits.of(lamp, excitation.period), ())
         self._nowhere = np.zeros(1)
 
     def step(self, observation: Observation, time: float) -> PilotStep:

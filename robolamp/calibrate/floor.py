@@ -17,8 +17,8 @@ from robolamp.assets import Assets
 from robolamp.calibrate.session import LampRecording
 from robolamp.calibrate.whole import Simulated, mass_of, simulate
 from robolamp.calibration import LAMP, Calibration, Parameter
+from robolamp.controller.hops import shortest_flight
 from robolamp.lamp import Lamp
-from robolamp.twin.judge import HOP_AIR_TIME
 from robolamp.twin.model import TwinModel, build
 
 Array = NDArray[np.float64]
@@ -99,10 +99,10 @@ def fit_floor(recordings: Sequence[LampRecording], lamp: Lamp, calibration: Cali
     shots = {hop.name: simulate(hop, twins) for hop in hops}
     cost = np.zeros(len(trials))
     for hop in hops:
-        seen = flights(hop.run.contact[hop.rows], foot_time(hop))
+        seen = flights_in(hop, lamp.flight_time)
         shot = shots[hop.name]
         for lane in range(len(trials)):
-            cost[lane] += _hop_cost(hop, shot, lane, seen)
+            cost[lane] += _hop_cost(hop, shot, lane, seen, lamp.flight_time)
     for lane, (friction, softness) in enumerate(trials):
         cost[lane] += (math.log(friction / base[0]) / _PRIOR[0]) ** 2 + (math.log(softness / base[1]) / _PRIOR[1]) ** 2
     best = int(np.argmin(cost))
@@ -116,18 +116,19 @@ def fit_floor(recordings: Sequence[LampRecording], lamp: Lamp, calibration: Cali
     for hop in hops:
         shot = shots[hop.name]
         travel[hop.name] = (float(hop.travel or 0.0), way(shot, best))
-        seen = flights(hop.run.contact[hop.rows], foot_time(hop))
-        for (takeoff, landing), nearest in zip(seen, matched(seen, flights_of(shot, best)), strict=True):
+        seen, predicted = flights_in(hop, lamp.flight_time), flights_of(shot, best, lamp.flight_time)
+        for (takeoff, landing), nearest in zip(seen, matched(seen, predicted), strict=True):
             found.append(Flight(hop.name, takeoff, landing, *nearest))
     return Floor(values, offset, travel, tuple(found))
 
 
-def flights(contact: NDArray[np.bool_], time: Array) -> list[tuple[float, float]]:
-    """Return take-off and landing of each flight that lasts as long as a hop, [s].
+def flights(contact: NDArray[np.bool_], time: Array, least: float) -> list[tuple[float, float]]:
+    """Return take-off and landing of each flight, [s].
 
     Args:
         contact: Whether the foot is on the ground, shape (N,).
         time: Of those samples, shape (N,) [s].
+        least: The shortest flight [s], see `shortest_flight`.
     """
     change = np.flatnonzero(np.diff(contact.astype(np.int8)))
     found, began = [], None
@@ -136,7 +137,7 @@ def flights(contact: NDArray[np.bool_], time: Array) -> list[tuple[float, float]
         if contact[row]:
             began = moment
         elif began is not None:
-            if moment - began >= HOP_AIR_TIME:
+            if moment - began >= least:
                 found.append((began, moment))
             began = None
     return found
@@ -153,9 +154,9 @@ def _foot(
         run, rows = recording.run, recording.rows
         force = run.foot_force[rows]
         speed = np.abs(run.velocity[rows]).max(axis=1)
+        time = foot_time(recording)
         at_rest.append(force[(speed < _STILL) & np.isfinite(force)])
-        for takeoff, landing in flights(run.contact[rows], foot_time(recording)):
-            time = foot_time(recording)
+        for takeoff, landing in flights_in(recording, lamp.flight_time):
             middle = (time > takeoff + 0.02) & (time < landing - 0.02)
             in_air.append(force[middle & np.isfinite(force)])
     rest, air = np.concatenate(at_rest), np.concatenate(in_air) if in_air else np.empty(0)
@@ -167,11 +168,13 @@ def _foot(
     return offset, _inside("foot_gain", gain), error
 
 
-def _hop_cost(hop: LampRecording, shot: Simulated, lane: int, seen: list[tuple[float, float]]) -> float:
+def _hop_cost(
+    hop: LampRecording, shot: Simulated, lane: int, seen: list[tuple[float, float]], flight_time: float
+) -> float:
     """Return how far a predicted hop is from a real one, in squares of what can be told."""
     went = float(hop.travel or 0.0)
     cost = ((way(shot, lane) - went) / max(TRAVEL_ERROR * abs(went), 0.004)) ** 2
-    for (takeoff, landing), (left, came) in zip(seen, matched(seen, flights_of(shot, lane)), strict=True):
+    for (takeoff, landing), (left, came) in zip(seen, matched(seen, flights_of(shot, lane, flight_time)), strict=True):
         for real, predicted in ((takeoff, left), (landing, came)):
             late = min(abs(predicted - real), 5 * TIME_ERROR) if math.isfinite(predicted) else 5 * TIME_ERROR
             cost += (late / TIME_ERROR) ** 2
@@ -188,9 +191,16 @@ def matched(seen: list[tuple[float, float]], predicted: list[tuple[float, float]
     return matched
 
 
-def flights_of(shot: Simulated, lane: int) -> list[tuple[float, float]]:
+def flights_in(recording: LampRecording, flight_time: float) -> list[tuple[float, float]]:
+    """Return take-off and landing of each flight by the foot sensor, since the recording's first angle [s]."""
+    contact, least = recording.run.contact[recording.rows], shortest_flight(flight_time, recording.run.control_period)
+    return flights(contact, foot_time(recording), least)
+
+
+def flights_of(shot: Simulated, lane: int, flight_time: float) -> list[tuple[float, float]]:
     """Return take-off and landing of each simulated flight of a lane, since the recording's first angle [s]."""
-    return flights(shot.contact[lane], shot.contact_time - shot.contact_time[0])
+    time = shot.contact_time - shot.contact_time[0]
+    return flights(shot.contact[lane], time, shortest_flight(flight_time, float(time[1])))
 
 
 def foot_time(recording: LampRecording) -> Array:

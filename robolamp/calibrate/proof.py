@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robolamp.assets import Assets
-from robolamp.calibrate.floor import flights, flights_of, foot_time, matched, way
+from robolamp.calibrate.floor import flights_in, flights_of, matched, way
 from robolamp.calibrate.session import LampRecording
 from robolamp.calibrate.whole import simulate
 from robolamp.calibration import Calibration
@@ -49,10 +49,10 @@ def prove(recording: LampRecording, lamp: Lamp, calibration: Calibration, assets
     """
     shot = simulate(recording, [build(lamp, calibration, assets, clamped=recording.clamped)])
     error = np.abs(shot.angle[0] - recording.run.angle[recording.rows])
-    seen = flights(recording.run.contact[recording.rows], foot_time(recording))
+    seen = flights_in(recording, lamp.flight_time)
     late = [
         abs(predicted - real)
-        for flight, pair in zip(seen, matched(seen, flights_of(shot, 0)), strict=True)
+        for flight, pair in zip(seen, matched(seen, flights_of(shot, 0, lamp.flight_time)), strict=True)
         for real, predicted in zip(flight, pair, strict=True)
     ]
     return Proof(

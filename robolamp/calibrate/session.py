@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from robolamp.calibrate.manifest import NAME, Manifest, check_recordings, load_manifest
 from robolamp.errors import FileError
-from robolamp.lamp import Lamp
+from robolamp.lamp import Lamp, same_lamp
 from robolamp.log.reader import Run, read_run
 
 Array = NDArray[np.float64]
@@ -112,7 +112,7 @@ def _cut(path: Path, lamp: Lamp, name: str, clamped: bool, travel: float | None,
     run = read_run(path)
     if run.joints != lamp.names:
         raise FileError(f"is of joints {', '.join(run.joints)}; expected {', '.join(lamp.names)}", str(path))
-    if run.context.get("lamp") != lamp.source:
+    if not same_lamp(lamp, run.context.get("lamp", "")):
         raise FileError(f"is of another lamp, or {lamp.path.name} was changed since", str(path))
     moving = np.flatnonzero(run.phase == "run")
     if moving.size < _LEAST_TICKS:

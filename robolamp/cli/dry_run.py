@@ -67,6 +67,7 @@ def dry_run(
     from robolamp.emulator.reality import load_reality
     from robolamp.log.reader import read_run, read_truth
     from robolamp.runtime.stop import StopRequest
+    from robolamp.twin.flown import flown
 
     bent = load_reality(reality, setup.lamp, setup.assets)  # refused here in one line, not by the emulator
     script = load_faults(faults, tuple(joint.id for joint in setup.lamp.joints)) if faults else Faults("none")
@@ -116,6 +117,7 @@ def dry_run(
                 "landed_m": landed,
                 "error_m": landed - distance,
                 "fell": fell,
+                "hops_flown": flown(run, truth, setup.lamp).hops,
                 "verdict": comparison.verdict,
                 "truth": truth_log,
                 "injections": injections if faults else None,

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from robolamp.errors import SafetyError
-from robolamp.lamp import Lamp
+from robolamp.lamp import Lamp, same_lamp
 from robolamp.log.reader import read_run
 
 
@@ -72,7 +72,7 @@ def check_before(stage: Stage, after: Path | None, controller: str, lamp: Lamp) 
         raise SafetyError(f"is the log of {found or 'no'} stage; {wanted}", str(after))
     if run.context.get("controller") != controller:
         raise SafetyError(f"is of another controller ({run.context.get('controller_name', '?')}); {wanted}", str(after))
-    if run.context.get("lamp") != lamp.source:
+    if not same_lamp(lamp, run.context.get("lamp", "")):
         raise SafetyError(f"is of another lamp, or {lamp.path.name} was changed since; {wanted}", str(after))
     if not any(text == "torque off; finished" for _, _, text in run.events):
         raise SafetyError(f"is of a run that did not finish; {wanted}", str(after))

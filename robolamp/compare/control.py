@@ -16,6 +16,8 @@ from robolamp.lamp import Lamp
 from robolamp.log.reader import Run
 from robolamp.signals import Health, Observation
 
+_FLIGHT_TIME_0_1_0 = 0.04  # the shortest flight that 0.1.0 counted, whose logs do not say [s]
+
 
 @dataclass(frozen=True)
 class ControlReplay:
@@ -57,7 +59,9 @@ def replay_controller(run: Run, lamp: Lamp) -> ControlReplay:
     # A gentle stage slews at a share of the lamp's own rate; the log says at which.
     share = float(run.context.get("slew_share", 1.0))
     lamp = dataclasses.replace(
-        lamp, joints=tuple(dataclasses.replace(joint, slew=joint.slew * share) for joint in lamp.joints)
+        lamp,
+        joints=tuple(dataclasses.replace(joint, slew=joint.slew * share) for joint in lamp.joints),
+        flight_time=float(run.context.get("flight_time_s", _FLIGHT_TIME_0_1_0)),
     )
     goal_time = float(run.context["goal_time_s"]) if "goal_time_s" in run.context else None
     try:

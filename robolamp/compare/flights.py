@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.compare.side import Side
+from robolamp.controller.hops import shortest_flight
 from robolamp.lamp import Lamp
 
 Array = NDArray[np.float64]
 
-AIR = 0.04
-"""Shortest time without contact that counts as a flight [s]: that of the terminal `hops`."""
 MATCH = 0.15
 """Flights whose middles are further apart than this are not the same hop [s]."""
 GRAVITY = 9.81
@@ -68,33 +68,37 @@ class Hop:
 
 
 def flights(side: Side, lamp: Lamp) -> list[Flight]:
-    """Return the flights of one side, from the start of the run on.
+    """Return the flights of one side, from the start of the run on: those that the terminal `hops` counts.
 
-    Contact has the hysteresis of lamp.toml; the moment is read from the line between the two readings around it.
+    Contact has the hysteresis of lamp.toml; the moment is read from the line between the two readings around it. How
+    long a flight must be is told in whole ticks, as on the lamp, and not by those moments.
 
     Args:
         side: Whose.
-        lamp: Gives the thresholds.
+        lamp: Gives the thresholds and the shortest flight.
     """
-    there = np.isfinite(side.force) & np.isfinite(side.tick)
-    time, force = side.tick[there], side.force[there]
+    known = np.isfinite(side.tick)
+    time, force = side.tick[known], side.force[known]
+    period = float(np.median(np.diff(time))) if time.size > 1 else math.nan
     found: list[Flight] = []
-    contact, off = True, math.nan
-    for index in range(1, time.size):
+    contact, off, last = True, math.nan, 0
+    for before, row in pairwise(np.flatnonzero(np.isfinite(force)).tolist()):
         threshold = lamp.contact_off if contact else lamp.contact_on
-        if contact and force[index] < threshold:
-            contact, off = False, _crossing(time, force, index, threshold)
-        elif not contact and force[index] > threshold:
-            contact, on = True, _crossing(time, force, index, threshold)
-            if on - off >= AIR and off >= 0.0:
+        if contact and force[row] <= threshold:
+            contact, off, last = False, _crossing(time, force, (before, row), threshold), row - 1
+        elif not contact and force[row] > threshold:
+            contact, on = True, _crossing(time, force, (before, row), threshold)
+            ticks = round((time[row - 1] - time[last]) / period)
+            if ticks * period >= shortest_flight(lamp.flight_time, period) and off >= 0.0:
                 found.append(Flight(off, on))
     return found
 
 
-def _crossing(time: Array, force: Array, index: int, threshold: float) -> float:
-    before, after = force[index - 1], force[index]
+def _crossing(time: Array, force: Array, rows: tuple[int, int], threshold: float) -> float:
+    first, second = rows
+    before, after = force[first], force[second]
     share = (threshold - before) / (after - before) if after != before else 1.0
-    return float(time[index - 1] + min(max(share, 0.0), 1.0) * (time[index] - time[index - 1]))
+    return float(time[first] + min(max(share, 0.0), 1.0) * (time[second] - time[first]))
 
 
 def hops(lamp: list[Flight], twin: list[Flight]) -> list[Hop]:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration
-from robolamp.controller.terminals import SignalLimits, Signals
+from robolamp.controller.hops import SignalLimits
+from robolamp.controller.terminals import Signals
 from robolamp.dynamixel.wire import wire_time
 from robolamp.errors import FileError
 from robolamp.lamp import Lamp
@@ -166,8 +167,7 @@ class _HopCounter:
     """Counts the twin's hops with the lamp's own code, from the start of phase "run"."""
 
     def __init__(self, run: Run, lamp: Lamp) -> None:
-        limits = SignalLimits(run.control_period, lamp.contact_on, lamp.contact_off)
-        self._signals = Signals(1, len(lamp.joints), limits, ())
+        self._signals = Signals(1, len(lamp.joints), SignalLimits.of(lamp, run.control_period), ())
         self._run = run
 
     def count(self, index: int, angle: Array, force: float) -> tuple[int, bool]:

@@ -283,7 +283,8 @@ def _hops(comparison: Comparison) -> str:
         f"<th>lamp</th><th>{called}</th></tr>"
     )
     return (
-        "<section><h2>The hops</h2><p class='note'>By the foot sensor: off the floor for 40 ms or longer. The apex is "
+        "<section><h2>The hops</h2><p class='note'>By the foot sensor: off the floor for "
+        f"{comparison.twin.lamp.flight_time * 1e3:g} ms or longer. The apex is "
         f"what the flight time implies, g t²/8. Allowed: {allowed:g} ms early or late.</p>"
         f"<div class='scroll'><table class='numbers'><thead>{head}</thead><tbody>{rows}</tbody></table></div>"
         f"{_plot(comparison, 'Foot', 'force|force, N')}</section>"

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from robolamp.controller.envelope import Envelope
 from robolamp.controller.file import Controller, check_goal_time, check_terminals
-from robolamp.controller.terminals import OPTIONAL, SignalLimits, Signals, on_board_terminals
+from robolamp.controller.hops import SignalLimits
+from robolamp.controller.terminals import OPTIONAL, Signals, on_board_terminals
 from robolamp.lamp import Lamp
 from robolamp.signals import Interventions, Observation
 
@@ -54,7 +55,7 @@ class Pilot:
         self.terminals = on_board_terminals(n) if goal_time is None else on_board_terminals(n) + OPTIONAL
         check_terminals(controller, self.terminals, controller.name)
         self._program = controller.compile(self.terminals)
-        self._limits = SignalLimits(controller.control_period, lamp.contact_on, lamp.contact_off)
+        self._limits = SignalLimits.of(lamp, controller.control_period)
         self._lamp = lamp
         self._n = n
         self._goal = np.array([goal])

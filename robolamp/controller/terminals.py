@@ -6,15 +6,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robolamp.controller.hops import HopCounter, SignalLimits
 from robolamp.figure import POINT, Driven, Figure
-
-AIR_TIME_OF_A_HOP = 0.04
-"""Time without contact, after which a new contact counts as a hop [s]: shorter gaps are rattling."""
 
 
 def on_board_terminals(joints: int) -> tuple[str, ...]:
@@ -72,21 +69,6 @@ def terminals_of(driven: Driven) -> tuple[str, ...]:
     return figure_terminals(driven) if isinstance(driven, Figure) else all_terminals(len(driven.joints))
 
 
-@dataclass(frozen=True)
-class SignalLimits:
-    """What the derived signals need to know of the lamp.
-
-    Attributes:
-        period: Control period [s].
-        contact_on: Foot force above which the foot is on the ground [N].
-        contact_off: Foot force below which it no longer is [N].
-    """
-
-    period: float
-    contact_on: float
-    contact_off: float
-
-
 class Signals:
     """Turns measurements into terminal values, lane by lane.
 
@@ -108,11 +90,18 @@ class Signals:
         self._angle = np.zeros((lanes, joints))
         self._velocity = np.zeros((lanes, joints))
         self._force = np.zeros(lanes)
-        self.contact = np.ones(lanes, bool)
-        self._air = np.zeros(lanes)
-        self._ground = np.zeros(lanes)
-        self.hops = np.zeros(lanes)
+        self._counter = HopCounter(lanes, limits)
         self._tick = -1
+
+    @property
+    def contact(self) -> NDArray[np.bool_]:
+        """Whether the foot is on the ground, shape (lanes,)."""
+        return self._counter.contact
+
+    @property
+    def hops(self) -> NDArray[np.float64]:
+        """Hops so far, shape (lanes,)."""
+        return self._counter.hops
 
     def update(
         self,
@@ -142,24 +131,18 @@ class Signals:
             self._velocity = (angle - self._angle) / passed
         self._angle = angle
         self._force = np.where(np.isnan(force), self._force, force)
-        before = self.contact
-        self.contact = self._force > np.where(before, self._limits.contact_off, self._limits.contact_on)
-        if self._tick >= 0:
-            landed = self.contact & ~before
-            self.hops = self.hops + (landed & (self._air >= AIR_TIME_OF_A_HOP - self._limits.period / 4))
-            same = self.contact == before
-            self._air = np.where(self.contact, 0.0, np.where(same, self._air + passed, passed))
-            self._ground = np.where(self.contact, np.where(same, self._ground + passed, passed), 0.0)
+        counter = self._counter
+        counter.update(self._force, elapsed)
         self._tick += elapsed
         self._set("t", self._tick * self._limits.period)
         for joint in range(angle.shape[1]):
             self._set(f"a{joint}", angle[:, joint])
             self._set(f"w{joint}", self._velocity[:, joint])
         self._set("s0", self._force)
-        self._set("contact", self.contact)
-        self._set("air_time", self._air)
-        self._set("ground_time", self._ground)
-        self._set("hops", self.hops)
+        self._set("contact", counter.contact)
+        self._set("air_time", counter.air_time)
+        self._set("ground_time", counter.ground_time)
+        self._set("hops", counter.hops)
         self._set("goal_dist", goal)
         self._set("goal_time", goal_time)
         if base is not None:
@@ -171,12 +154,3 @@ class Signals:
         column = self._column.get(name)
         if column is not None:
             self.values[:, column] = value
-
-    def select(self, keep: NDArray[np.int64]) -> None:
-        """Keep only these lanes, in this order.
-
-        Args:
-            keep: Lane indices.
-        """
-        for name in ("values", "_angle", "_velocity", "_force", "contact", "_air", "_ground", "hops"):
-            setattr(self, name, getattr(self, name)[keep])

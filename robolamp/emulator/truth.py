@@ -37,6 +37,7 @@ class TruthLog:
         self._writer = LogWriter(path, context=context, joints=lamp.lamp.names, epoch=epoch, lossless=virtual)
         self._start = start
         self._next = 0.0
+        self._force = 0.0
         lamp.watch(self._step)
 
     @property
@@ -58,6 +59,7 @@ class TruthLog:
 
     def _step(self, lamp: EmulatedLamp) -> None:
         plant = lamp.plant
+        self._force = max(self._force, plant.force)
         if plant.time < self._next - plant.timestep / 2:
             return
         self._next = plant.time + PERIOD
@@ -75,8 +77,9 @@ class TruthLog:
             "base_z": truth.base_z,
             "pitch": truth.lean,
             "clearance": truth.clearance,
-            "force": truth.force,
+            "force": self._force,
             "fallen": truth.fallen,
         }
         self._writer.message(TRUTH_JOINTS_TOPIC, JOINT_STATE, joints, at)
         self._writer.message(TRUTH_BASE_TOPIC, TRUTH, base, at)
+        self._force = 0.0

@@ -66,6 +66,7 @@ def run_context(
         "goal_m": repr(float(goal)),
         **({} if goal_time is None else {"goal_time_s": repr(float(goal_time))}),
         "control_period": repr(float(control_period)),
+        "flight_time_s": repr(float(lamp.flight_time)),
         "versions": versions(),
         "command": shlex.join(sys.argv),
     }

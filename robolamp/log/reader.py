@@ -166,7 +166,7 @@ class Truth:
         base_z: Its height, shape (M,) [m].
         pitch: Lean from upright, shape (M,) [rad].
         clearance: Lowest point of the foot above the floor, shape (M,) [m].
-        force: Floor force on the foot, shape (M,) [N].
+        force: Largest floor force on the foot since the sample before, shape (M,) [N]; 0.1.0 wrote that of the moment.
         fallen: Shape (M,).
     """
 

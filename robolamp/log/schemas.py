@@ -69,7 +69,7 @@ string level
 string text
 """,
     TRUTH: """# What only a simulation knows of the base: position of its centre [m], lean from upright [rad],
-# height of the foot's lowest point above the floor [m], floor force on the foot [N].
+# height of the foot's lowest point above the floor [m], largest floor force on the foot since the message before [N].
 float64 base_x
 float64 base_z
 float64 pitch

@@ -17,9 +17,10 @@ from mujoco.batch import MODEL_FIELDS, Batch
 from robolamp.jit import njit
 from numpy.typing import NDArray
 
+from robolamp.controller.hops import SignalLimits
 from robolamp.controller.kernels import bound_lanes, run_lanes
 from robolamp.controller.program import Program, ProgramSet
-from robolamp.controller.terminals import TWIN_ONLY, SignalLimits, Signals
+from robolamp.controller.terminals import TWIN_ONLY, Signals
 from robolamp.errors import RobolampError
 from robolamp.twin.body import Body
 from robolamp.twin.judge import Judge, Outcome
@@ -149,8 +150,7 @@ class _Shard:
         judge = Judge(twin, goal, duration)
         judge.begin(self.qpos[:, 0])
         key = PoseErrors(poses, lanes, twin.timestep)
-        limits = SignalLimits(self.period, lamp.contact_on, lamp.contact_off)
-        signals = Signals(lanes, joints, limits, programs.terminals)
+        signals = Signals(lanes, joints, SignalLimits.of(lamp, self.period), programs.terminals)
         sees_base = bool(set(programs.terminals) & set(TWIN_ONLY))
         wanted, sent = np.zeros((lanes, joints)), np.zeros((lanes, joints))
         unstable, interventions = np.zeros(lanes, bool), np.zeros(lanes, np.int64)

@@ -9,12 +9,11 @@ import numpy as np
 from robolamp.jit import njit
 from numpy.typing import NDArray
 
+from robolamp.controller.hops import shortest_flight
 from robolamp.twin.lanes import Lanes
 from robolamp.twin.model import TwinModel
 from robolamp.twin.trace import Trace
 
-HOP_AIR_TIME = 0.04
-"""Shortest time off the floor that may be a hop [s]."""
 HOP_CLEARANCE = 0.002
 """Height that every point of the foot must reach in a hop [m]."""
 HOP_LANDING_TILT = math.radians(15)
@@ -66,6 +65,7 @@ def _judge(
     sizes: tuple[float, float, float],
     time: float,
     timestep: float,
+    least: float,
     resting: bool,
 ) -> None:
     radius, head_radius, head_half = sizes
@@ -83,7 +83,7 @@ def _judge(
         s[_MAX_TILT] = max(s[_MAX_TILT], tilt)
         s[_CLEAR] = clearance
         if force[lane] > 0.0:
-            if s[_AIR] >= HOP_AIR_TIME and s[_HEIGHT] >= HOP_CLEARANCE:
+            if s[_AIR] >= least and s[_HEIGHT] >= HOP_CLEARANCE:
                 if tilt <= HOP_LANDING_TILT:
                     s[_HOPS] += 1.0
                     s[_FLIGHT] += s[_LEAP]
@@ -126,7 +126,7 @@ class Outcome(Lanes):
         nearest: Smallest distance from the goal on the way [m].
         travel: Path length of the base centre along x [m].
         flight: Part of it spent in hops [m].
-        hops: Hops: off the floor for 40 ms, cleared by 2 mm, landed within 15 degrees of flat.
+        hops: Hops: off the floor for lamp.toml's flight_time, cleared by 2 mm, landed within 15 degrees of flat.
         bad_landings: Flights that landed more tilted than that.
         fall_time: When it fell [s]; NaN if it did not.
         arrival: When it first came within 1.5 cm of the goal [s]; NaN if it did not.
@@ -207,6 +207,7 @@ class Judge:
     def __init__(self, twin: TwinModel, goal: NDArray[np.float64], duration: float) -> None:
         self._sizes = (twin.foot_radius, *twin.head_size)
         self._timestep = twin.timestep
+        self._least = shortest_flight(twin.lamp.flight_time, twin.timestep)
         self._duration = duration
         self._time = 0.0
         self._goal = goal
@@ -244,7 +245,8 @@ class Judge:
         resting = self._time > self._duration - REST_WINDOW
         _judge(
             self._state, self.fall_time, self._touched, lanes, qpos, force, head, axis,
-            self._no_pole if pole is None else pole, self._goal, self._sizes, self._time, self._timestep, resting,
+            self._no_pole if pole is None else pole, self._goal, self._sizes, self._time, self._timestep,
+            self._least, resting,
         )  # fmt: skip
 
     @property

@@ -116,8 +116,8 @@ class TwinModel:
 
     @property
     def source(self) -> str:
-        """The text of the lamp's description."""
-        return self.lamp.source
+        """The text of the lamp's description, and what a file without it stands for."""
+        return f"{self.lamp.source}flight_time = {self.lamp.flight_time:g}\n"
 
 
 def quiet() -> None:

@@ -10,10 +10,12 @@ from robolamp.jit import njit
 from numpy.typing import NDArray
 
 from robolamp.twin.figure import FigureTwin
-from robolamp.twin.judge import HOP_AIR_TIME
 from robolamp.twin.lanes import Lanes
 from robolamp.twin.trace import Trace
 
+JUMP_AIR_TIME = 0.04
+"""Shortest time that nothing carries a figure which counts as a jump [s]: chosen; their joints are rigid and do not
+rebound as the lamp's do, whose time is in lamp.toml."""
 IDLE_SPEED = 0.1
 """A figure is idle while no joint turns faster than this [rad/s], and it is not at its goal: our choice, the paper only
 says that it punishes "too long idleness"."""
@@ -70,7 +72,7 @@ def _follow(
         if sensors[lane, unsafe] > 0.0 and math.isnan(s[_COLLISION]):
             s[_COLLISION] = time
         if sensors[lane, support] > 0.0:
-            if s[_AIR] >= HOP_AIR_TIME:
+            if s[_AIR] >= JUMP_AIR_TIME:
                 s[_JUMPS] += 1.0
                 s[_ALOFT] += s[_AIR]
                 s[_GAIN] += s[_FROM] - distance

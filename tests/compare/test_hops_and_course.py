@@ -36,7 +36,7 @@ def test_flights_give_their_times_and_the_apex_they_imply():
 
 
 def test_hops_pair_by_time_and_one_that_only_the_lamp_makes_stays_alone():
-    lamp, twin = foot([(0.5, 0.65), (1.5, 1.6), (2.5, 2.6)]), foot([(0.49, 0.66), (2.55, 2.62), (3.3, 3.4)])
+    lamp, twin = foot([(0.5, 0.65), (1.5, 1.6), (2.5, 2.6)]), foot([(0.49, 0.66), (2.51, 2.61), (3.3, 3.4)])
     found = hops(flights(lamp, LAMP), flights(twin, LAMP))
     assert [(hop.lamp is not None, hop.twin is not None) for hop in found] == [
         (True, True), (True, False), (True, True), (False, True),

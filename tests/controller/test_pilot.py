@@ -44,7 +44,7 @@ def test_ticks_that_were_missed_are_counted_by_the_schedule() -> None:
 
 def test_a_reset_begins_anew_from_what_the_joints_hold() -> None:
     pilot = Pilot(controller("0.5", "(% 0 0)", "hops"), LAMP, 0.3)
-    for tick, force in enumerate([2.0, 0.0, 0.0, 0.0, 2.0]):
+    for tick, force in enumerate([2.0, 0.0, 0.0, 0.0, 0.0, 2.0]):
         step = pilot.step(seen(force=force), 0.02 * tick)
     assert step.hops == 1
     pilot.reset(np.array([0.5, 0.3, 0.0]))

@@ -1,14 +1,17 @@
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robolamp.controller.terminals import TWIN_ONLY, SignalLimits, Signals, all_terminals, on_board_terminals
+from robolamp.controller.hops import SignalLimits
+from robolamp.controller.terminals import TWIN_ONLY, Signals, all_terminals, on_board_terminals
 
 PERIOD = 0.02
-LIMITS = SignalLimits(PERIOD, contact_on=0.4, contact_off=0.2)
+LIMITS = SignalLimits(PERIOD, contact_on=0.4, contact_off=0.2, flight_time=0.08)
 NAMES = on_board_terminals(3)
 GOAL = np.array([0.3])
 
@@ -35,11 +38,22 @@ def test_contact_has_hysteresis() -> None:
     assert seen["contact"] == [1, 1, 1, 0, 0, 0, 1, 1]
 
 
-def test_a_hop_is_40_ms_without_contact_and_then_contact() -> None:
-    one_tick, two_ticks = [2, 0, 2], [2, 0, 0, 2]
-    assert played(one_tick)["hops"] == [0, 0, 0]
-    assert played(two_ticks)["hops"] == [0, 0, 0, 1]
-    assert played([*two_ticks, 0, 0, 0, 0.3, 0.5, 0, 3])["hops"][-3:] == [2, 2, 2]
+def test_a_hop_is_a_flight_and_then_contact() -> None:
+    flight = [2, 0, 0, 0, 0, 2]  # 80 ms
+    assert played(flight)["hops"] == [0, 0, 0, 0, 0, 1]
+    assert played([2, 0, 0, 0, 2])["hops"][-1] == 0
+    assert played([*flight, 0, 0, 0, 0.3, 0.5, 0, 3])["hops"][-3:] == [2, 2, 2]
+
+
+def test_rebounds_after_a_landing_are_no_hops() -> None:
+    assert played([2, *[0] * 7, 2, 0, 0, 2, 0, 0, 2])["hops"][8:] == [1] * 7  # contact 1,0,0,1,0,0,1
+
+
+def test_the_shortest_flight_is_the_lamps() -> None:
+    limits = dataclasses.replace(LIMITS, flight_time=0.04)
+    signals = Signals(1, 3, limits, ["hops"])
+    for force, hops in ((2, 0), (0, 0), (2, 0), (0, 0), (0, 0), (2, 1)):
+        assert signals.update(np.zeros((1, 3)), np.array([float(force)]), GOAL)[0, 0] == hops
 
 
 def test_times_count_from_the_last_change_of_contact() -> None:

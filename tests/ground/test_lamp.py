@@ -7,7 +7,7 @@ import pytest
 
 from robolamp.assets import Assets
 from robolamp.errors import FileError
-from robolamp.lamp import Lamp, load_lamp
+from robolamp.lamp import Lamp, load_lamp, same_lamp
 from robolamp.signals import Health, Interventions
 
 TEXT = """
@@ -95,6 +95,8 @@ def test_the_shipped_lamp() -> None:
         ("slew = 14.0", "slew = nan", "joint[0].slew: nan is not a number from 0.1 to 100 rad/s"),
         ("zero = 3.141593", "zero = 180", "joint[0].zero: 180 is not a number from 0 to 6.28319 rad"),
         ("contact_off = 0.20", "contact_off = 0.5", "foot.contact_off: 0.5 is not a number from 0 to 0.4 N"),
+        ("[safety]", "flight_time = 0\n[safety]", "foot.flight_time: 0 is not a number from 0.001 to 10 s"),
+        ("[safety]", "flight_time = 80.0\n[safety]", "foot.flight_time: 80.0 is not a number from 0.001 to 10 s"),
         ("[safety]", "[safetey]", "safety: missing; expected a table"),
         ('name = "lamp"', 'name = "lamp"\ncolour = "red"', "colour: unknown; expected one of"),
         ("slew = 14.0", "slew = 14.0\nspeed = 1", "joint[0].speed: unknown; expected one of"),
@@ -115,6 +117,27 @@ def test_a_description_read_back(tmp_path: Path) -> None:
     assert lamp.lower.tolist() == [-0.6, -1.0]
     assert lamp.joints[1].sign == -1
     assert (lamp.bus_baud, lamp.foot_port, lamp.contact_off) == (1_000_000, "/dev/ttyACM0", 0.2)
+
+
+def test_the_shortest_flight_is_80_ms_unless_the_file_says_otherwise(tmp_path: Path) -> None:
+    assert changed(tmp_path, "[safety]", "[safety]").flight_time == 0.08  # a file of 0.1.0
+    assert changed(tmp_path, "[safety]", "flight_time = 0.05\n[safety]").flight_time == 0.05
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "same"),
+    [
+        ("id = 2", "id = 2  # the middle one", True),
+        ("[safety]", "flight_time = 0.08\n[safety]", True),
+        ("[safety]", "flight_time = 0.05\n[safety]", False),
+        ("sign = -1", "sign = 1", False),
+        ("sign = -1", "sign = ", False),
+        ("sign = -1", "", False),
+    ],
+)
+def test_a_lamp_is_the_same_where_its_file_says_the_same(tmp_path: Path, old: str, new: str, same: bool) -> None:
+    lamp = changed(tmp_path, "[safety]", "[safety]")
+    assert same_lamp(lamp, TEXT.replace(old, new, 1)) == same
 
 
 def test_what_is_not_known_of_servos_is_not_a_number() -> None:

@@ -43,7 +43,7 @@ class Story:
 
 
 def test_a_hop_counts_with_its_share_of_the_travel() -> None:
-    end = Story().go(0.1, 0.02).go(0.06, 0.05, z=0.005, force=0.0).go(0.1).outcome
+    end = Story().go(0.1, 0.02).go(0.1, 0.05, z=0.005, force=0.0).go(0.1).outcome
     assert end.hops == [1]
     assert end.travel == pytest.approx([0.05])
     assert end.flight == pytest.approx([0.03])
@@ -53,7 +53,7 @@ def test_a_hop_counts_with_its_share_of_the_travel() -> None:
 
 
 def test_going_back_is_travel_too() -> None:
-    end = Story().go(0.1, 0.02).go(0.06, -0.02, z=0.005, force=0.0).go(0.1, 0.0).outcome
+    end = Story().go(0.1, 0.02).go(0.1, -0.02, z=0.005, force=0.0).go(0.1, 0.0).outcome
     assert end.travel == pytest.approx([0.08])
     assert end.flight_share == pytest.approx([0.5])
 
@@ -61,8 +61,8 @@ def test_going_back_is_travel_too() -> None:
 @pytest.mark.parametrize(
     ("flight", "hops", "bad"),
     [
-        ({"seconds": 0.038, "z": 0.005}, 0, 0),  # too short
-        ({"seconds": 0.042, "z": 0.005}, 1, 0),
+        ({"seconds": 0.078, "z": 0.005}, 0, 0),  # too short: a rebound
+        ({"seconds": 0.080, "z": 0.005}, 1, 0),
         ({"seconds": 0.1, "z": 0.0019}, 0, 0),  # too low
         ({"seconds": 0.1, "z": 0.0021}, 1, 0),
         ({"seconds": 0.1, "z": 0.010, "tilt": math.radians(10)}, 0, 0),  # its lowest point is in the floor
