@@ -125,6 +125,7 @@ def _as_dict(summary: Summary) -> dict[str, object]:
         "phases": summary.phases,
         "control_period_s": summary.control_period,
         "missed_ticks": summary.missed_ticks,
+        "clock_steps": [{"tick": tick, "by_s": by} for tick, by in summary.clock_steps],
         "gaps": [{"at_s": at, "length_s": length} for at, length in summary.gaps],
         "hops": summary.hops,
         "faults": summary.faults,
@@ -152,6 +153,7 @@ def _told(summary: Summary) -> str:
         rate = f"{1 / summary.control_period:g} Hz"
         lines += [
             ("ticks", f"{summary.ticks} at {rate} ({phases}), {summary.missed_ticks} missed"),
+            *_listed("clock", [f"clock was set by {by:+.2f} s at tick {tick}" for tick, by in summary.clock_steps]),
             *_listed("gap", [f"{length * 1e3:.0f} ms at {at:.2f} s" for at, length in summary.gaps]),
             ("hops", f"{summary.hops}; the envelope intervened {counted(summary.interventions, 'time')}"),
             ("supply", f"{_span(*summary.voltage)} V, largest current {_number(summary.current)} A, "

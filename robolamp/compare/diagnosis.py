@@ -215,6 +215,12 @@ def complaints(run: Run, joints: Sequence[JointError], calibration: Calibration,
             "the lag grows steadily: " + ", ".join(f"{value * 1e6:+.0f}" for value in drifts) + " ppm, joint by joint",
             "log both with one computer's monotonic clock",
         )
+    for row, by in run.clock_steps:
+        yield Finding(
+            f"the clock of the time stamps was set by {by:+.1f} s",
+            f"at tick {run.index[row]}; the run is compared on its own clock, which went on",
+            "nothing has to be done; a truth or an event of another clock may be beside its tick",
+        )
     faults = Counter(fault for tick in run.faults for fault in tick)
     if faults:
         text, count = faults.most_common(1)[0]

@@ -102,9 +102,10 @@ def _phases(run: Run, zero: float) -> list[tuple[str, float, float]]:
 
 def _marks(run: Run, zero: float) -> list[tuple[float, str, str]]:
     """Return events, and the first tick of every spell of a fault."""
+    times = run.at(np.array([when for when, _, _ in run.events], np.int64)) - zero
     marks = [
-        (max(0.0, float(run.at(np.array([when]))[0] - zero)), level, text)
-        for when, level, text in run.events
+        (max(0.0, time), level, text)
+        for time, (_, level, text) in zip(times.tolist(), run.events, strict=True)
         if text not in run.phase  # the phase is shown anyway
     ]
     before: frozenset[str] = frozenset()

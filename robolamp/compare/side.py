@@ -100,6 +100,10 @@ def of_run(run: Run, truth: Truth | None, name: str) -> Side:
     zero = origin(run)
     base, fell, travel = None, None, math.nan
     if truth is not None:
+        if sorted(truth.joints) != sorted(run.joints):
+            raise FileError(
+                f"is of joints {', '.join(truth.joints)}; {run.path} of {', '.join(run.joints)}", str(truth.path)
+            )
         at = run.at(truth.log_time)
         begin, end = float(run.began[0]), float(run.write_done[-1])
         if at[-1] < begin or at[0] > end:
@@ -110,7 +114,7 @@ def of_run(run: Run, truth: Truth | None, name: str) -> Side:
         travel, fell = float(stop - start), bool(truth.fallen[during].any())
         base = Base(
             at[during] - zero, truth.base_x[during] - start, truth.base_z[during], truth.pitch[during],
-            truth.angle[during],
+            truth.angle[during][:, [truth.joints.index(joint) for joint in run.joints]],
         )  # fmt: skip
     return Side(
         name, run.sampled_at - zero, run.angle, run.velocity, run.current, run.foot_force, run.measured_at - zero,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +29,12 @@ from robolamp.log.schemas import (
 from robolamp.log.stream import Contents, read_contents
 
 Array = NDArray[np.float64]
+
+STEP = 0.1
+"""Change of a log's time stamps against the run's own clock from which on somebody set the clock of the wall [s]: NTP
+slews what is less than 0.128 s (ntpd(8), "step threshold") at 500 ppm at most, 0.01 ms a tick."""
+
+_GRID = 0.001  # control periods by which a tick may be off its schedule's grid by rounding
 
 
 @dataclass
@@ -130,11 +138,25 @@ class Run:
 
     @property
     def missed_ticks(self) -> int:
-        """Slots of the schedule, from the first tick to the last, in which no tick ran."""
-        if self.scheduled.size < 2:
-            return 0
-        slots = round((self.scheduled[-1] - self.scheduled[0]) / self.control_period) + 1
-        return max(0, slots - self.scheduled.size)
+        """Slots of the schedule in which no tick ran; while the servos were gone there was no schedule."""
+        missed = 0
+        for part in np.split(self.scheduled, self.restarts):
+            slots = round((part[-1] - part[0]) / self.control_period) + 1 if part.size > 1 else part.size
+            missed += max(0, slots - part.size)
+        return missed
+
+    @property
+    def restarts(self) -> NDArray[np.int64]:
+        """Ticks at which the schedule began anew, because the servos had been gone and came back."""
+        slots = np.diff(self.scheduled) / self.control_period
+        off_grid = (slots > 1.5) & (np.abs(slots - np.rint(slots)) > _GRID)
+        return np.flatnonzero((self.phase[1:] == "start") & ((self.phase[:-1] != "start") | off_grid)) + 1
+
+    @property
+    def clock_steps(self) -> list[tuple[int, float]]:
+        """Where the clock that stamped the messages was set: tick, and by how much against the run's own clock [s]."""
+        off = np.diff(self.log_time) * 1e-9 - np.diff(self.write_done)
+        return [(int(row) + 1, float(off[row])) for row in np.flatnonzero(np.abs(off) > STEP)]
 
     @property
     def sampled_at(self) -> Array:
@@ -142,12 +164,27 @@ class Run:
         return self.measured_at[:, None] - self.angle_age
 
     def at(self, log_time: NDArray[np.int64]) -> Array:
-        """Return wall-clock stamps as times on the run's clock [s].
+        """Return wall-clock stamps as times on the run's clock [s], each by the tick stamped nearest to it.
+
+        Where that clock was set back stamps come twice: stamps that step back are of the ticks after such a step.
 
         Args:
-            log_time: Nanoseconds since the epoch.
+            log_time: Nanoseconds since the epoch, as they followed each other.
         """
-        return self.write_done[0] + (log_time - self.log_time[0]) * 1e-9
+        ticks = np.arange(self.log_time.size)
+        parts = np.split(ticks, [row for row, by in self.clock_steps if by < 0.0])
+        back = np.diff(log_time, prepend=log_time[:1]) < -STEP * 1e9
+        turns = np.minimum(np.cumsum(back), len(parts) - 1)
+        found = np.empty(log_time.size)
+        for turn in np.unique(turns).tolist():
+            which = turns == turn
+            stamps = log_time[which]
+            own = parts[turn][_nearest(self.log_time[parts[turn]], stamps)]
+            rest = ticks[parts[turn][0] :]
+            any_of = rest[_nearest(self.log_time[rest], stamps)]
+            tick = np.where(np.abs(stamps - self.log_time[own]) <= STEP * 1e9, own, any_of)
+            found[which] = self.write_done[tick] + (stamps - self.log_time[tick]) * 1e-9
+        return found
 
 
 @dataclass
@@ -219,31 +256,41 @@ def run_of(contents: Contents, prefix: str = LAMP_PREFIX) -> Run:
         FileError: It is not a log of robolamp's, or holds no ticks.
     """
     tick_times, ticks = contents.topic(f"{prefix}/tick", TICK, *_TICK_FIELDS)
-    goal_times, goals = contents.topic(f"{prefix}/goals", JOINT_STATE, "position", first=("name",))
-    seen_times, seen = contents.topic(f"{prefix}/measured", JOINT_STATE, "position", "velocity", "effort")
-    joints = goals["name"][0]
+    goal_times, goals = contents.topic(f"{prefix}/goals", JOINT_STATE, "name", "position")
+    seen_times, seen = contents.topic(f"{prefix}/measured", JOINT_STATE, "name", "position", "velocity", "effort")
+    context = contents.metadata.get(METADATA, {})
+    joints = _joints(context, goals["name"][0])
     log_time = np.array(tick_times, dtype=np.int64)
     stamps = log_time - _nanoseconds(ticks["write_done"]) + _nanoseconds(ticks["measured_at"])
     rows, of_goals, of_seen = _matched(
-        (log_time, stamps), np.array(goal_times, np.int64), np.array(seen_times, np.int64)
+        ticks["index"], (log_time, stamps), np.array(goal_times, np.int64), np.array(seen_times, np.int64)
     )
     if not rows.size:
         raise FileError(
             "holds no whole tick: goals, measurements and the rest are of different times", str(contents.path)
         )
     table = _Table(contents.path, ticks, rows, len(joints))
-    sent = _Table(contents.path, goals, of_goals, len(joints))
-    measured = _Table(contents.path, seen, of_seen, len(joints))
+    sent = _States(contents.path, f"{prefix}/goals", goals, of_goals, joints)
+    measured = _States(contents.path, f"{prefix}/measured", seen, of_seen, joints)
+    began = table.numbers("began")
+    back = np.flatnonzero(~(np.diff(began) >= 0.0))
+    if back.size:
+        row = int(back[0])
+        raise FileError(
+            f"its own clock does not go on: tick {int(table.integers('index')[row + 1])} began at "
+            f"{began[row + 1]:.3f} s, the one before at {began[row]:.3f} s",
+            str(contents.path),
+        )
     return Run(
         path=contents.path,
-        context=contents.metadata.get(METADATA, {}),
+        context=context,
         truncated=contents.truncated,
         joints=tuple(joints),
         log_time=log_time[rows],
         index=table.integers("index"),
         phase=np.array(table.texts("phase"), dtype=np.str_),
         scheduled=table.numbers("scheduled"),
-        began=table.numbers("began"),
+        began=began,
         read_done=table.numbers("read_done"),
         write_done=table.numbers("write_done"),
         measured_at=table.numbers("measured_at"),
@@ -282,14 +329,12 @@ def read_truth(path: Path | str) -> Truth:
     base_times, base = contents.topic(
         TRUTH_BASE_TOPIC, TRUTH, "base_x", "base_z", "pitch", "clearance", "force", "fallen"
     )
-    joint_times, joints = contents.topic(
-        TRUTH_JOINTS_TOPIC, JOINT_STATE, "position", "velocity", "effort", first=("name",)
-    )
+    joint_times, joints = contents.topic(TRUTH_JOINTS_TOPIC, JOINT_STATE, "name", "position", "velocity", "effort")
     names = joints["name"][0]
     log_time = np.array(base_times, dtype=np.int64)
-    rows, of_joints = _matched((log_time,), np.array(joint_times, np.int64))
+    rows, of_joints = _matched(np.arange(log_time.size), (log_time,), np.array(joint_times, np.int64))
     table = _Table(contents.path, base, rows, len(names))
-    states = _Table(contents.path, joints, of_joints, len(names))
+    states = _States(contents.path, TRUTH_JOINTS_TOPIC, joints, of_joints, names)
     return Truth(
         path=Path(path),
         truncated=contents.truncated,
@@ -314,27 +359,55 @@ _TICK_FIELDS = (
 )  # fmt: skip
 
 
+def _nearest(known: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return which of some times is nearest to each wanted one."""
+    order = np.argsort(known, kind="stable")
+    ordered = known[order]
+    after = np.minimum(np.searchsorted(ordered, wanted), known.size - 1)
+    before = np.maximum(after - 1, 0)
+    return order[np.where(wanted - ordered[before] < ordered[after] - wanted, before, after)]
+
+
 def _nanoseconds(seconds: Array) -> NDArray[np.int64]:
     return np.rint(seconds * 1e9).astype(np.int64)
 
 
-def _matched(keys: tuple[NDArray[np.int64], ...], *others: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
-    """Return which messages of several topics belong together: their rows, as many of each.
-
-    A chunk of the file may begin or end between the messages of one tick; where one is lost, so is the tick.
+def _joints(context: dict[str, str], named: Sequence[str]) -> tuple[str, ...]:
+    """Return the joints in the order of the lamp's description, in which a tick's arrays are; else as they are named.
 
     Args:
+        context: The run's.
+        named: Names of the joints, as the goals have them.
+    """
+    try:
+        described = tuple(str(joint["name"]) for joint in tomllib.loads(context.get("lamp", "")).get("joint", ()))
+    except (ValueError, TypeError, KeyError, AttributeError):
+        described = ()
+    return described if sorted(described) == sorted(named) else tuple(named)
+
+
+def _matched(
+    index: NDArray[Any], keys: tuple[NDArray[np.int64], ...], *others: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], ...]:
+    """Return which messages of several topics belong together: their rows, as many of each, in the order of `index`.
+
+    A chunk of the file may begin or end between the messages of one tick; where one is lost, so is the tick. Times may
+    step where somebody set the clock, so that they give no order.
+
+    Args:
+        index: What counts the first topic's messages; of two alike the first is taken.
         keys: Times by which the first topic knows its messages in each of the others; one for all, or one for each.
         others: The other topics' log times.
     """
     if len(keys) == 1:
         keys = keys * len(others)
-    if all(key.size == times.size and (key == times).all() for key, times in zip(keys, others, strict=True)):
-        return (np.arange(keys[0].size),) * (1 + len(others))
     rows = np.arange(keys[0].size)
+    alike = all(key.size == times.size and (key == times).all() for key, times in zip(keys, others, strict=True))
+    if alike and (np.diff(index.astype(np.int64)) > 0).all():
+        return (rows,) * (1 + len(others))
     for key, times in zip(keys, others, strict=True):
         rows = rows[np.isin(key[rows], times)]
-    rows = rows[np.unique(keys[0][rows], return_index=True)[1]]
+    rows = rows[np.unique(index[rows], return_index=True)[1]]
     places = [
         np.argsort(times, kind="stable")[np.searchsorted(np.sort(times, kind="stable"), key[rows])]
         for key, times in zip(keys, others, strict=True)
@@ -379,6 +452,28 @@ class _Table:
             )
         values = column.values if width == column.values.shape[1] else np.empty((len(column.lengths), width))
         return np.where(column.lengths[:, None] == width, values, np.nan)[self._rows]
+
+
+class _States:
+    """Rows of a JointState topic's columns, a value a joint: by their names, whatever order a message has them in."""
+
+    def __init__(
+        self, path: Path, topic: str, columns: dict[str, Any], rows: NDArray[np.int64], joints: Sequence[str]
+    ) -> None:
+        self._table = _Table(path, columns, rows, len(joints))
+        names: list[tuple[str, ...]] = columns["name"]
+        self._order: dict[tuple[str, ...], list[int]] = {}
+        for named in set(names):
+            if sorted(named) != sorted(joints):
+                raise FileError(f"{topic} is of joints {', '.join(named)}; expected {', '.join(joints)}", str(path))
+            self._order[named] = [named.index(joint) for joint in joints]
+        self._names = [names[row] for row in rows.tolist()]
+
+    def rows(self, name: str) -> Array:
+        values = self._table.rows(name)
+        if len(self._order) == 1:
+            return values[:, next(iter(self._order.values()))]
+        return np.take_along_axis(values, np.array([self._order[named] for named in self._names]), axis=1)
 
 
 def _events(contents: Contents, prefix: str) -> list[tuple[int, str, str]]:

@@ -30,12 +30,13 @@ class Summary:
         damage: What is wrong with it, one line a place.
         context: The run's context.
         topics: How many messages there are, by topic.
-        duration: From the first message to the last [s].
+        duration: From the first message to the last [s]; where the clock of their times was set, from tick to tick.
         begin: Time of the first message [ns since the epoch].
         ticks: How many ticks.
         phases: How many of them in each phase.
         control_period: From tick to tick, as planned [s].
         missed_ticks: Slots of the schedule without a tick.
+        clock_steps: Where the clock of the messages' times was set: tick, and by how much [s].
         gaps: Of the times from tick to tick those longer than 1.5 periods: when [s from the first tick], how long [s].
         hops: Hops counted.
         faults: How many ticks had each fault.
@@ -58,6 +59,7 @@ class Summary:
     phases: dict[str, int] = field(default_factory=dict)
     control_period: float = math.nan
     missed_ticks: int = 0
+    clock_steps: list[tuple[int, float]] = field(default_factory=list)
     gaps: list[tuple[float, float]] = field(default_factory=list)
     hops: int = 0
     faults: dict[str, int] = field(default_factory=dict)
@@ -102,13 +104,17 @@ def _add_run(summary: Summary, run: Run) -> None:
     summary.phases = dict(Counter(run.phase.tolist()))
     summary.control_period = run.control_period
     summary.missed_ticks = run.missed_ticks
+    summary.clock_steps = [(int(run.index[row]), by) for row, by in run.clock_steps]
+    if summary.clock_steps:
+        summary.begin, summary.duration = int(run.log_time[0]), float(run.write_done[-1] - zero)
     long = np.flatnonzero(steps > _GAP * run.control_period)
     summary.gaps = [(float(run.began[tick] - zero), float(steps[tick])) for tick in long]
     summary.hops = int(run.hops[-1])
     summary.faults = dict(Counter(fault for faults in run.faults for fault in faults).most_common())
     summary.interventions = int(run.interventions[-1].sum())
+    times = run.at(np.array([time for time, _, _ in run.events], np.int64)) - zero
     summary.events = [
-        (max(0.0, float(run.at(np.array([time]))[0] - zero)), level, text) for time, level, text in run.events
+        (max(0.0, time), level, text) for time, (_, level, text) in zip(times.tolist(), run.events, strict=True)
     ]
     summary.voltage = (_extreme(run.voltage, np.min), _extreme(run.voltage, np.max))
     summary.temperature = _extreme(run.temperature, np.max)
