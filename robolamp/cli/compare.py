@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
+from robolamp.cli.options import MAX_GOAL, length
 from robolamp.cli.output import counted, print_json
 from robolamp.errors import FileError, RobolampError
 
@@ -27,6 +28,7 @@ def compare(
     lamp: Path | None = None,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     truth: Path | None = None,
+    landed: str | None = None,
     tolerances: str = "default",
     diagnosis: bool = True,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
@@ -37,8 +39,14 @@ def compare(
     lamp and today's, or a lamp and a simulation. A folder: every run in it, how they go over time, and how well the
     twin's scores go along with the lamp's over controllers.
 
-    Tells each joint's lag and error, every hop's take-off and landing, what differs and what settles it, and writes a
-    report to look at. Exit code 0: inside the tolerances; 1: outside; 2: could not compare. A folder is 0 or 2.
+    Says three things first. Did it do the task: at rest at its goal, upright, at the end of a whole run? Does the twin
+    explain it: driven with the goals that the lamp was sent, is it within the tolerances? And what does the controller
+    do alone on the twin, in its own closed loop? Where something was not measured, or a run was cut, it says that it
+    cannot say, and why.
+
+    Then each joint's lag and error, every hop's take-off and landing, what differs and what settles it; and it writes a
+    report to look at. Exit code 0: inside the tolerances, and nothing says that the task was not done; 1: outside, not
+    done, or cannot say whether it is inside; 2: could not compare. A folder is 0 or 2.
 
     Args:
         run: The log of a run (MCAP), from `robolamp dry-run` or `robolamp deploy`; or a folder of them.
@@ -46,7 +54,10 @@ def compare(
         calibration: What the twin is calculated with: a calibration file, or the name of one.
         lamp: Your own lamp's folder (laid out like robolamp's: hardware/, sim/, calibration/).
         output: The report (HTML); by default beside the log, with its name. The replay's log goes beside it.
-        truth: What an emulated lamp truly did: the log of `robolamp emulate --truth`; of the first log.
+        truth: What an emulated lamp truly did: the log of `robolamp emulate --truth`; of the first log. By default
+            truth.mcap, or NAME.truth.mcap, beside each log.
+        landed: How far the lamp's base came by a ruler, as 28.1cm; for one log. Nothing on a physical lamp
+            measures it, and without it there is no saying whether it did its task, nor whether the twin explains it.
         tolerances: What is allowed: a TOML file, or the name of one in calibration/tolerances/.
         diagnosis: Say what differs, from replays of the twin bent in many ways; without it, a few seconds less.
         as_json: Print one JSON object.
@@ -55,13 +66,16 @@ def compare(
 
     assets = Assets.of(lamp)
     numbers, allowed = load_calibration(assets, calibration), load_tolerances(assets, tolerances)
+    ruler = None if landed is None else length(landed, "--landed", low=-MAX_GOAL)
+    if ruler is not None and (other is not None or run.is_dir()):
+        raise RobolampError("is for one log; a folder has travel.csv", "--landed")
     if run.is_dir():
         if other is not None or truth is not None:
             raise RobolampError("is for logs; a folder is compared by itself", "--truth" if truth else str(other))
         from robolamp.compare.folder import compare_folder
         from robolamp.compare.folder_report import write_folder_report
 
-        folder = compare_folder(run, assets=assets, calibration=numbers)
+        folder = compare_folder(run, assets=assets, calibration=numbers, tolerances=allowed)
         report = output or run / "compare.html"
         write_folder_report(folder, report)
         if as_json:
@@ -69,22 +83,26 @@ def compare(
         else:
             _tell_folder(folder, report)
         return 0
+    from robolamp.compare.motion import truth_of
     from robolamp.compare.run import compare_log, compare_logs, read_either
 
     if not run.name or (other is not None and (not other.name or other.is_dir())):
         raise FileError("is a folder; expected a log (.mcap)", str(run if not run.name else other))
     if other is None:
         out = output or run.with_suffix(".html")
+        known = truth_of(read_either(run), truth)
         result = compare_log(
-            run, assets=assets, calibration=numbers, out=out, truth=truth, tolerances=allowed, diagnosis=diagnosis
-        )
+            run, assets=assets, calibration=numbers, out=out, truth=known and known.path, landed=ruler,
+            tolerances=allowed, diagnosis=diagnosis,
+        )  # fmt: skip
     else:
-        truths = (truth, None)
         first, second = read_either(run), read_either(other)
+        known = truth_of(first, truth), truth_of(second, None)
+        truths = known[0] and known[0].path, known[1] and known[1].path
         simulated = [each.context.get("backend") == "twin" for each in (first, second)]
         # Without a simulation among them, the earlier run is what the later one is held against.
         if simulated == [True, False] or (not any(simulated) and first.log_time[0] < second.log_time[0]):
-            run, other, truths = other, run, (None, truth)
+            run, other, truths = other, run, (truths[1], truths[0])
         out = output or run.with_name(f"{run.stem}-{other.stem}.html")
         result = compare_logs(
             run, other, assets=assets, calibration=numbers, out=out, truths=truths, tolerances=allowed,
@@ -94,13 +112,15 @@ def compare(
         print_json(result.as_dict())
     else:
         _tell(result)
-    return 1 if result.exceeded else 0
+    return 0 if result.good else 1
 
 
 def _tell(result: Comparison) -> None:
-    from robolamp.compare.report import sentence
+    from robolamp.compare.report import sentence, three
 
-    print(f"{result.verdict} tolerances. {sentence(result)}")
+    for asked, word, why in three(result):
+        print(f"{asked:<38} {word}. {why}".rstrip())
+    print(sentence(result))
     for joint in result.joints:
         lag = f"{joint.lag * 1e3:+6.1f} ms" if math.isfinite(joint.lag) else "unknown  "
         print(
@@ -117,8 +137,6 @@ def _tell(result: Comparison) -> None:
         else:
             print(f"  hop {number}    only {'on the lamp' if hop.lamp else f'of the {result.other.name}'}")
     print(f"  controller {result.control.text}")
-    for line in result.exceeded:
-        print(f"  outside: {line}")
     for number, finding in enumerate(result.diagnosis, start=1):
         print(f"  {number}. {finding.cause}: {finding.evidence}\n     {finding.remedy}")
     print(f"report: {result.report}")
@@ -126,10 +144,14 @@ def _tell(result: Comparison) -> None:
 
 def _tell_folder(folder: Folder, report: Path) -> None:
     print(f"{counted(len(folder.rows), 'run')} in {folder.path}, against the twin ({folder.calibration.name})")
-    print(f"  {'controller':<16} {'goal':>7} {'lamp':>8} {'twin':>8} {'MAE':>10} {'lag':>9}  log")
+    print(
+        f"  {'task':<10} {'twin':<10} {'controller':<16} {'goal':>7} {'lamp':>8} {'alone':>8} {'replay':>8} "
+        f"{'MAE':>10} {'lag':>9}  log"
+    )
     for row in folder.rows:
         print(
-            f"  {row.controller:<16} {_cm(row.goal):>7} {_cm(row.travel):>8} {_cm(row.twin_travel):>8} "
+            f"  {row.task.word:<10} {row.judged.word:<10} {row.controller:<16} {_cm(row.goal):>7} "
+            f"{_cm(row.travel):>8} {_cm(row.alone.travel):>8} {_cm(row.twin_travel):>8} "
             f"{row.mae * 1e3:5.1f} mrad {row.lag * 1e3:+6.1f} ms  {row.log.relative_to(folder.path)}"
         )
     for path, why in folder.skipped:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from pathlib import Path
 from typing import Annotated, Literal
@@ -9,7 +10,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from robolamp.cli.options import DURATION, GOAL_TIME, Setup, length
-from robolamp.cli.output import counted, print_json
+from robolamp.cli.output import print_json
 from robolamp.controller.file import check_goal_time
 from robolamp.errors import FileError, RobolampError
 
@@ -77,9 +78,8 @@ def deploy(
             )
 
     from robolamp.cli.drive import Drive, drive, run_folder  # after the arguments are checked
-    from robolamp.cli.outcome import account, ended, facts, reporting, tell, tell_of_none, tell_of_shadow, tidying
+    from robolamp.cli.outcome import account, ended, facts, reporting, tell, tell_of_none, tell_of_shadow, tidying, told
     from robolamp.cli.stages import STAGES, check_before
-    from robolamp.compare.report import sentence
     from robolamp.compare.run import compare_log
     from robolamp.runtime.stop import StopRequest
 
@@ -104,13 +104,14 @@ def deploy(
             plan.log, assets=setup.assets, calibration=setup.calibration, out=folder / "report.html"
         )
     if as_json:
-        print_json({**facts(plan, result), "verdict": comparison.verdict, "report": comparison.report})
+        print_json({**facts(plan, result), **comparison.parts(), "report": comparison.report})
     else:
+        word, rest = told(comparison)
+        ruler = shlex.join(["robolamp", "compare", str(plan.log)])
         tell(
-            ended(result),
-            f" after {counted(result.hops, 'hop')} (where it landed is for your ruler: nothing on the lamp measures"
-            f" it).\n{account(result)}\n"
-            f"Twin against lamp: {sentence(comparison)}\n"
+            word,
+            f"{rest}\nWhere it landed is for your ruler, and then: `{ruler} --landed 28.1cm`.\n"
+            f"Run {ended(result)}. {account(result)}\n"
             f"log     {plan.log}\nreport  {comparison.report}",
         )
     return 0 if result.ended == "finished" else 1

@@ -17,7 +17,7 @@ from robolamp.dynamixel.bus import PATIENCE, Port
 from robolamp.errors import FileError
 from robolamp.foot.sensor import ByteSource
 from robolamp.log.context import run_context
-from robolamp.log.schemas import ANSWER_WIRE
+from robolamp.log.schemas import ANSWER_WIRE, DURATION
 from robolamp.log.writer import LogWriter
 from robolamp.robot.lamp import RobotLamp
 from robolamp.robot.shadow import ShadowLamp
@@ -120,6 +120,7 @@ def drive(
         goal_time=plan.goal_time,
         control_period=pilot.control_period,
     )
+    context[DURATION] = repr(float(plan.duration))
     if plan.stage:
         context |= {"stage": stage.name, "duty_limit": repr(stage.duty), "slew_share": repr(stage.slew)}
     try:

@@ -16,7 +16,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from robolamp.cli.options import DURATION, GOAL_TIME, Setup, length
-from robolamp.cli.output import counted, print_json
+from robolamp.cli.output import print_json
 from robolamp.controller.file import check_goal_time
 from robolamp.errors import BusError
 
@@ -60,14 +60,12 @@ def dry_run(
     distance = length(goal, "--goal")
 
     from robolamp.cli.drive import Drive, drive, run_folder  # after the arguments are checked
-    from robolamp.cli.outcome import account, ended, facts, reporting, tell, tell_of_none, tidying
-    from robolamp.compare.report import sentence
+    from robolamp.cli.outcome import account, ended, facts, reporting, tell, tell_of_none, tidying, told
     from robolamp.compare.run import compare_log
     from robolamp.emulator.faults import Faults, load_faults
     from robolamp.emulator.reality import load_reality
     from robolamp.log.reader import read_run, read_truth
     from robolamp.runtime.stop import StopRequest
-    from robolamp.twin.flown import flown
 
     bent = load_reality(reality, setup.lamp, setup.assets)  # refused here in one line, not by the emulator
     script = load_faults(faults, tuple(joint.id for joint in setup.lamp.joints)) if faults else Faults("none")
@@ -117,20 +115,17 @@ def dry_run(
                 "landed_m": landed,
                 "error_m": landed - distance,
                 "fell": fell,
-                "hops_flown": flown(run, truth, setup.lamp).hops,
-                "verdict": comparison.verdict,
+                **comparison.parts(),
                 "truth": truth_log,
                 "injections": injections if faults else None,
                 "report": comparison.report,
             }
         )
     else:
+        word, rest = told(comparison)
         tell(
-            f"{'Fell' if fell else 'Landed'} at {landed * 100:.1f} cm",
-            f" for a goal of {distance * 100:.1f} cm ({(landed - distance) * 100:+.1f} cm) after"
-            f" {counted(result.hops, 'hop')}; {ended(result)}.\n"
-            f"{account(result)}\n"
-            f"Twin against emulated lamp: {sentence(comparison)}\n"
+            word,
+            f"{rest}\nRun {ended(result)}. {account(result)}\n"
             f"log     {log}\ntruth   {truth_log}\nreport  {comparison.report}"
             + (f"\ninjected {injections}" if faults else ""),
         )

@@ -17,6 +17,9 @@ from rich.text import Text
 
 from robolamp.cli.drive import Drive
 from robolamp.cli.output import print_json
+from robolamp.compare.comparison import Comparison
+from robolamp.compare.report import sentence, three
+from robolamp.compare.task import NOT_DONE
 from robolamp.log.reader import read_run
 from robolamp.runtime.result import RunResult
 from robolamp.runtime.stop import SIGNALS
@@ -41,7 +44,11 @@ def facts(plan: Drive, result: RunResult) -> dict[str, Any]:
         "missed_ticks": result.missed_ticks,
         "faults": result.faults,
         "interventions": vars(result.interventions),
+        "task": None,
+        "task_why": [],
         "verdict": None,
+        "verdict_why": [],
+        "twin_alone_m": None,
         "log": plan.log,
         "report": None,
     }
@@ -61,6 +68,21 @@ def account(result: RunResult) -> str:
     )
 
 
+def told(comparison: Comparison) -> tuple[str, str]:
+    """Return the three parts of a run's verdict for a terminal: the task's word, and everything after it.
+
+    Args:
+        comparison: Of the run.
+    """
+    (_, word, why), (_, verdict, reasons), (_, alone, did) = three(comparison)
+    lines = [
+        f" {why}",
+        f"Twin, replaying the goals that the lamp was sent: {verdict.lower()}. {reasons} {sentence(comparison)}",
+        f"Controller alone on the twin: {alone.lower()}. {did}",
+    ]
+    return f"{word}.", "\n".join(" ".join(line.split()) if place else line for place, line in enumerate(lines))
+
+
 def tell(headline: str, rest: str) -> None:
     """Print a bold headline and what follows it, each character as it is: names and paths may hold brackets."""
     Console(highlight=False).print(Text.assemble((headline, "bold"), rest), soft_wrap=True)
@@ -78,9 +100,11 @@ def tell_of_none(plan: Drive, result: RunResult, as_json: bool) -> int:
         The exit code.
     """
     if as_json:
-        print_json(facts(plan, result))
+        why = f"the controller never drove ({ended(result)})"
+        print_json({**facts(plan, result), "task": NOT_DONE, "task_why": [why]})
     else:
-        tell(ended(result), f"\nThe controller never drove: no report.\n{account(result)}\nlog     {plan.log}")
+        said = "Not done: the controller never drove. There is nothing to compare: no report."
+        tell(ended(result), f"\n{said}\n{account(result)}\nlog     {plan.log}")
     return 1
 
 

@@ -10,13 +10,17 @@ from typing import Any
 
 from robolamp.calibration import Calibration
 from robolamp.compare.align import JointError
+from robolamp.compare.alone import Alone
 from robolamp.compare.control import ControlReplay
 from robolamp.compare.course import BANDS, Parting, Plain, Spectrum
 from robolamp.compare.diagnosis import Finding
 from robolamp.compare.flights import Hop
+from robolamp.compare.landing import Landing
 from robolamp.compare.replay import Replay
 from robolamp.compare.side import Side
+from robolamp.compare.task import NOT_DONE, Task
 from robolamp.compare.tolerances import Tolerances
+from robolamp.compare.verdict import INSIDE, Verdict
 from robolamp.log.reader import Run
 from robolamp.twin.model import TwinModel
 
@@ -39,7 +43,10 @@ class Comparison:
         control: What came of running the logged controller again.
         calibration: What the twin was calculated with.
         tolerances: What was allowed.
-        exceeded: What is outside its tolerance, one sentence each; empty where nothing is.
+        task: Whether the lamp did its task.
+        judged: Whether what it is held against explains it.
+        alone: What its controller does alone on the twin; not to be taken for the replay.
+        landing: What is known of where it landed.
         diagnosis: Probable causes, the strongest first.
         report: The HTML report.
         twin_log: The replay as a log, topics "/twin/..."; None where two runs were compared.
@@ -58,15 +65,28 @@ class Comparison:
     control: ControlReplay
     calibration: Calibration
     tolerances: Tolerances
-    exceeded: tuple[str, ...]
+    task: Task
+    judged: Verdict
+    alone: Alone
+    landing: Landing
     diagnosis: tuple[Finding, ...]
     report: Path
     twin_log: Path | None
 
     @property
     def verdict(self) -> str:
-        """Return "inside" or "outside" the tolerances."""
-        return "outside" if self.exceeded else "inside"
+        """Return "inside" or "outside" the tolerances, or "cannot say"."""
+        return self.judged.word
+
+    @property
+    def exceeded(self) -> tuple[str, ...]:
+        """Return what is outside its tolerance, one sentence each; empty where nothing is."""
+        return self.judged.exceeded
+
+    @property
+    def good(self) -> bool:
+        """Whether the verdict is inside, and nothing says that the task was not done."""
+        return self.verdict == INSIDE and self.task.word != NOT_DONE
 
     @property
     def twin(self) -> TwinModel:
@@ -83,10 +103,24 @@ class Comparison:
         """How far the reference's did [m]."""
         return self.other.travel
 
+    def parts(self) -> dict[str, Any]:
+        """Return the verdict's three parts as `--json` has them, here and in dry-run and deploy."""
+        alone = self.alone
+        return {
+            "task": self.task.word,
+            "task_why": list(self.task.why),
+            "verdict": self.verdict,
+            "verdict_why": list(self.judged.why),
+            "hops_flown": self.landing.flown,
+            "twin_alone_m": alone.travel,
+            "twin_alone_hops": None if alone.why else alone.hops,
+            "twin_alone_fell": None if alone.why else alone.fell,
+        }
+
     def as_dict(self) -> dict[str, Any]:
         """Return what `robolamp compare --json` prints; NaN where a value is not known."""
         return {
-            "verdict": self.verdict,
+            **self.parts(),
             "exceeded": list(self.exceeded),
             "against": "twin" if self.reference is None else str(self.reference.path),
             "joints": [self._joint(index, joint) for index, joint in enumerate(self.joints)],

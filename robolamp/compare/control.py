@@ -11,7 +11,7 @@ import numpy as np
 
 from robolamp.controller.file import load_controller
 from robolamp.controller.pilot import Pilot
-from robolamp.errors import RobolampError
+from robolamp.errors import FileError, RobolampError
 from robolamp.lamp import Lamp
 from robolamp.log.reader import Run
 from robolamp.signals import Health, Observation
@@ -52,23 +52,11 @@ def replay_controller(run: Run, lamp: Lamp) -> ControlReplay:
         run: The log.
         lamp: The lamp's description: limits and slew of the envelope, thresholds of contact.
     """
-    text = run.context.get("controller", "")
     rows = np.flatnonzero(run.phase == "run")
-    if not text or not rows.size or not np.isfinite(run.goal_m):
+    if not rows.size:
         return ControlReplay(0, None, what="the log holds no controller, no goal, or no run")
-    # A gentle stage slews at a share of the lamp's own rate; the log says at which.
-    share = float(run.context.get("slew_share", 1.0))
-    lamp = dataclasses.replace(
-        lamp,
-        joints=tuple(dataclasses.replace(joint, slew=joint.slew * share) for joint in lamp.joints),
-        flight_time=float(run.context.get("flight_time_s", _FLIGHT_TIME_0_1_0)),
-    )
-    goal_time = float(run.context["goal_time_s"]) if "goal_time_s" in run.context else None
     try:
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "controller.toml"
-            path.write_text(text, encoding="utf-8")
-            pilot = Pilot(load_controller(path, lamp), lamp, run.goal_m, goal_time)
+        pilot = logged_pilot(run, lamp)
     except RobolampError as error:
         return ControlReplay(0, None, what=error.message)
     begun = float(run.scheduled[rows[0]])
@@ -86,6 +74,37 @@ def replay_controller(run: Run, lamp: Lamp) -> ControlReplay:
             if ours.shape != logged.shape or not np.array_equal(ours, logged, equal_nan=True):
                 return ControlReplay(ticks, False, int(run.index[row]), what)
     return ControlReplay(ticks, True)
+
+
+def logged_pilot(run: Run, lamp: Lamp) -> Pilot:
+    """Return the controller of a log, ready to drive to the log's goal.
+
+    Args:
+        run: The log.
+        lamp: The lamp's description.
+
+    Raises:
+        RobolampError: The log holds no controller or no goal, or the controller does not fit the lamp.
+    """
+    text = run.context.get("controller", "")
+    if not text or not np.isfinite(run.goal_m):
+        raise FileError("the log holds no controller, no goal, or no run", str(run.path))
+    # A gentle stage slews at a share of the lamp's own rate; the log says at which.
+    try:
+        share = float(run.context.get("slew_share", 1.0))
+        goal_time = float(run.context["goal_time_s"]) if "goal_time_s" in run.context else None
+        flight_time = float(run.context.get("flight_time_s", _FLIGHT_TIME_0_1_0))
+    except ValueError as error:
+        raise FileError(f"slew_share, goal_time_s or flight_time_s is no number: {error}", str(run.path)) from None
+    lamp = dataclasses.replace(
+        lamp,
+        joints=tuple(dataclasses.replace(joint, slew=joint.slew * share) for joint in lamp.joints),
+        flight_time=flight_time,
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "controller.toml"
+        path.write_text(text, encoding="utf-8")
+        return Pilot(load_controller(path, lamp), lamp, run.goal_m, goal_time)
 
 
 def _observation(run: Run, row: int) -> Observation:

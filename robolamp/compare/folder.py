@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -15,13 +15,20 @@ import numpy as np
 
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration
+from robolamp.compare.alone import Alone, alone_of
+from robolamp.compare.ending import ending_of
+from robolamp.compare.flights import flights, hops
+from robolamp.compare.motion import truth_of
 from robolamp.compare.replay import replay
-from robolamp.compare.run import compare_joints
-from robolamp.compare.side import of_replay, of_run
+from robolamp.compare.run import compare_joints, seen
+from robolamp.compare.side import of_replay
+from robolamp.compare.task import DONE, Task, task_of
+from robolamp.compare.tolerances import Tolerances, load_tolerances
+from robolamp.compare.verdict import INSIDE, Verdict, verdict_of
 from robolamp.errors import FileError, RobolampError
 from robolamp.files import is_file, read_text, shown, suffix_of
 from robolamp.lamp import Lamp, load_lamp
-from robolamp.log.reader import read_run, read_truth
+from robolamp.log.reader import read_run
 
 TRAVELS = "travel.csv"
 """File of a folder that holds travels taken with a ruler: columns log, travel_m."""
@@ -43,7 +50,10 @@ class Row:
         hops: The lamp's hops.
         twin_hops: The twin's.
         travel: The lamp's travel [m]; NaN where nobody knows.
-        twin_travel: The twin's [m].
+        twin_travel: The twin's, on the goals that the lamp was sent [m].
+        task: Whether the lamp did its task.
+        judged: Whether the twin explains it.
+        alone: What the controller does alone on the twin.
     """
 
     log: Path
@@ -56,6 +66,9 @@ class Row:
     twin_hops: int
     travel: float
     twin_travel: float
+    task: Task
+    judged: Verdict
+    alone: Alone
 
     @property
     def score(self) -> float:
@@ -115,8 +128,12 @@ class Folder:
         return slope, float(np.sqrt((left**2).sum() / (error.size - 2) / (number**2).sum()))
 
     def sentences(self) -> list[str]:
-        """Return trend and correlations in words."""
-        said = []
+        """Return counts of tasks and verdicts, trend and correlations in words."""
+        tasks, verdicts = Counter(row.task.word for row in self.rows), Counter(row.judged.word for row in self.rows)
+        good = sum((row.task.word, row.judged.word) == (DONE, INSIDE) for row in self.rows)
+        said = [
+            f"Of {len(self.rows)}, {_counts(tasks)}; by the twin's replay {_counts(verdicts)}; {good} done and inside."
+        ]
         slope, error = self.trend()
         if math.isfinite(slope):
             word = "grows" if slope > 0 else "falls"
@@ -146,6 +163,11 @@ class Folder:
                 {
                     "log": row.log,
                     "began": datetime.fromtimestamp(row.began).astimezone().isoformat(timespec="seconds"),
+                    "task": row.task.word,
+                    "task_why": list(row.task.why),
+                    "verdict": row.judged.word,
+                    "verdict_why": list(row.judged.why),
+                    "twin_alone_m": row.alone.travel,
                     "controller": row.controller,
                     "goal_m": row.goal,
                     "mae_mrad": row.mae * 1e3,
@@ -167,7 +189,13 @@ class Folder:
         }
 
 
-def compare_folder(path: Path, *, assets: Assets, calibration: Calibration) -> Folder:
+def _counts(words: Counter[str]) -> str:
+    return ", ".join(f"{count} {word}" for word, count in words.most_common())
+
+
+def compare_folder(
+    path: Path, *, assets: Assets, calibration: Calibration, tolerances: Tolerances | None = None
+) -> Folder:
     """Compare every lamp's log of a folder, and of the folders in it, with the twin.
 
     A run's travel is that of `truth.mcap` (or NAME.truth.mcap) beside its log, or the folder's travel.csv.
@@ -176,18 +204,20 @@ def compare_folder(path: Path, *, assets: Assets, calibration: Calibration) -> F
         path: The folder.
         assets: Where lamp and model are.
         calibration: What the twin is calculated with.
+        tolerances: What is allowed; None: calibration/tolerances/default.toml.
 
     Raises:
         FileError: The folder holds no log that can be compared, or its travel.csv is malformed.
     """
-    lamp = load_lamp(assets)
+    lamp, allowed = load_lamp(assets), tolerances or load_tolerances(assets)
     measured = _travels(path / TRAVELS)
     rows, skipped = [], []
     for log in sorted(path.rglob("*")):
         if suffix_of(log) != ".mcap" or log.is_dir() or log.name.lower().endswith(("truth.mcap", ".twin.mcap")):
             continue
         try:
-            rows.append(_row(log, lamp, calibration, assets, measured.get(log.relative_to(path).as_posix())))
+            ruler = measured.get(log.relative_to(path).as_posix())
+            rows.append(_row(log, lamp, calibration, assets, allowed, ruler))
         except RobolampError as error:
             skipped.append((log, error.message))
     skipped += [(path / name, f"is in {TRAVELS}, but not here") for name in measured if not (path / name).is_file()]
@@ -198,12 +228,16 @@ def compare_folder(path: Path, *, assets: Assets, calibration: Calibration) -> F
     return Folder(path, tuple(rows), tuple(skipped), calibration)
 
 
-def _row(log: Path, lamp: Lamp, calibration: Calibration, assets: Assets, travel: float | None) -> Row:
+def _row(
+    log: Path, lamp: Lamp, calibration: Calibration, assets: Assets, allowed: Tolerances, ruler: float | None
+) -> Row:
     run = read_run(log)
-    truths = [path for path in (log.with_name("truth.mcap"), log.with_suffix(".truth.mcap")) if path.is_file()]
-    ours = of_run(run, read_truth(truths[-1]) if truths else None, "lamp")
+    ours, landing = seen(run, truth_of(run, None), ruler, lamp)
     other = of_replay(run, replay(run, lamp, calibration, assets))
-    joints = [joint for joint in compare_joints(run, ours, other) if joint.samples]
+    ending, all_joints = ending_of(run), compare_joints(run, ours, other)
+    alone = alone_of(run, ending, lamp, calibration, assets, allowed.goal)
+    found = hops(flights(ours, lamp), flights(other, lamp))
+    joints = [joint for joint in all_joints if joint.samples]
     lags = [joint.lag for joint in joints if math.isfinite(joint.lag)]
     return Row(
         log=log,
@@ -214,8 +248,11 @@ def _row(log: Path, lamp: Lamp, calibration: Calibration, assets: Assets, travel
         lag=float(np.median(lags)) if lags else math.nan,
         hops=ours.hops,
         twin_hops=other.hops,
-        travel=ours.travel if travel is None else travel,
+        travel=ours.travel,
         twin_travel=other.travel,
+        task=task_of(run, lamp, ending, landing, alone, allowed.goal),
+        judged=verdict_of(run, [ending], all_joints, found, ours, other, allowed),
+        alone=alone,
     )
 
 

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from robolamp.compare.folder import Folder, Row
 from robolamp.compare.report import document, text
 from robolamp.compare.svg import FAINT, LAMP, STYLE, TWIN, svg
+from robolamp.compare.task import DONE
+from robolamp.compare.verdict import CANNOT_SAY, INSIDE
 from robolamp.files import write_atomic
 
 
@@ -36,21 +38,24 @@ def write_folder_report(folder: Folder, path: Path) -> None:
         f"<li>{text(str(where.relative_to(folder.path)))}: {text(why)}</li>" for where, why in folder.skipped
     )
     head = (
-        "<th>began</th><th>controller</th><th>goal <small>cm</small></th><th>lamp <small>cm</small></th>"
-        "<th>twin <small>cm</small></th><th>hops</th><th>twin's</th><th>MAE <small>mrad</small></th>"
+        "<th>began</th><th>task</th><th>twin explains</th><th>controller</th><th>goal <small>cm</small></th>"
+        "<th>lamp <small>cm</small></th><th>twin alone <small>cm</small></th>"
+        "<th>replay <small>cm</small></th><th>hops</th><th>replay's</th><th>MAE <small>mrad</small></th>"
         "<th>lag <small>ms</small></th><th class='file'>log</th>"
     )
     body = (
-        f"<header class='inside'><p class='kicker'>{text(folder.path.resolve().name)}, against the twin (calibration "
+        f"<header><p class='kicker'>{text(folder.path.resolve().name)}, against the twin (calibration "
         f"{text(folder.calibration.name)})</p><h1>{len(folder.rows)} run{'s' * (len(folder.rows) != 1)}</h1>"
         f"<p class='verdict'>{text(said)}</p></header>"
+        "<section><h2>The runs</h2><p class='note'>Twin alone: where the controller lands in its own closed loop on "
+        "the twin. Replay: where the twin lands on the goals that the lamp was sent; that is what “twin explains” is "
+        f"about.</p><div class='scroll'><table class='numbers'><thead><tr>{head}</tr></thead>"
+        f"<tbody>{rows}</tbody></table></div>{f'<h3>Skipped</h3><ul>{skipped}</ul>' if skipped else ''}</section>"
         f"<section><h2>Over time</h2>{_trend(folder)}</section>"
         "<section><h2>Lamp against twin</h2><p class='note'>A score is the landing error, the distance between where "
         "the base came to rest and the goal: of the lamp by its truth log or the ruler (travel.csv), of the twin on "
         "the goals that the lamp was sent. Each point is a controller, the mean of its runs; on the line they agree."
         f"</p>{_scores(folder)}</section>"
-        f"<section><h2>The runs</h2><div class='scroll'><table class='numbers'><thead><tr>{head}</tr></thead>"
-        f"<tbody>{rows}</tbody></table></div>{f'<h3>Skipped</h3><ul>{skipped}</ul>' if skipped else ''}</section>"
     )
     write_atomic(path, document(f"{folder.path.resolve().name}: runs against the twin", body, ""))
 
@@ -58,12 +63,18 @@ def write_folder_report(folder: Folder, path: Path) -> None:
 def _row(folder: Folder, row: Row) -> str:
     began = datetime.fromtimestamp(row.began).astimezone().strftime("%Y-%m-%d %H:%M")
     cells = [
-        _number(row.goal * 100, ".1f"), _number(row.travel * 100, ".1f"), _number(row.twin_travel * 100, ".1f"),
+        _number(row.goal * 100, ".1f"), _number(row.travel * 100, ".1f"), _number(row.alone.travel * 100, ".1f"),
+        _number(row.twin_travel * 100, ".1f"),
         str(row.hops), str(row.twin_hops), _number(row.mae * 1e3, ".1f"), _number(row.lag * 1e3, "+.1f"),
     ]  # fmt: skip
     body = "".join(f"<td>{cell}</td>" for cell in cells)
     log = text(str(row.log.relative_to(folder.path)))
-    return f"<tr><th>{began}</th><td>{text(row.controller)}</td>{body}<td class='file'>{log}</td></tr>"
+    words = "".join(
+        f"<td class='{'good' if word in (DONE, INSIDE) else 'open' if word == CANNOT_SAY else 'bad'}'>"
+        f"<span title='{text('; '.join(why))}'>{text(word)}</span></td>"
+        for word, why in ((row.task.word, row.task.why), (row.judged.word, row.judged.why))
+    )
+    return f"<tr><th>{began}</th>{words}<td>{text(row.controller)}</td>{body}<td class='file'>{log}</td></tr>"
 
 
 def _trend(folder: Folder) -> str:

@@ -47,20 +47,22 @@ def truth_of(run: Run, path: Path | None) -> Truth | None:
 
     Args:
         run: The lamp's log.
-        path: The truth log; None: truth.mcap beside a log.mcap, as dry-run writes them, where there is one.
+        path: The truth log; None: NAME.truth.mcap beside NAME.mcap, or truth.mcap, where there is one. A truth.mcap
+            that is of another run is passed over, but beside a log.mcap, as dry-run writes them.
 
     Raises:
         FileError: It cannot be read, or is of another run.
     """
-    beside = run.path.with_name("truth.mcap")
-    if path is None and run.path.name == "log.mcap" and beside.exists():
-        path = beside
-    if path is None:
+    own, shared = run.path.with_suffix(".truth.mcap"), run.path.with_name("truth.mcap")
+    found = path or next((each for each in (own, shared) if each != run.path and each.is_file()), None)
+    if found is None:
         return None
-    truth = read_truth(path)
+    truth = read_truth(found)
     at = run.at(truth.log_time[[0, -1]])
     if at[1] < run.began[0] or at[0] > run.write_done[-1]:
-        raise FileError(f"has nothing of the time of {run.path}: it is of another run", str(path))
+        if path is None and found == shared and run.path.name != "log.mcap":
+            return None
+        raise FileError(f"has nothing of the time of {run.path}: it is of another run", str(found))
     return truth
 
 

@@ -74,7 +74,7 @@ def replay(run: Run, lamp: Lamp, calibration: Calibration, assets: Assets) -> Re
     """
     if run.joints != lamp.names:
         raise FileError(f"is of joints {', '.join(run.joints)}; {lamp.path} has {', '.join(lamp.names)}", str(run.path))
-    twin = TwinLamp(build(lamp, calibration, assets), duty=_duty(run))
+    twin = TwinLamp(build(lamp, calibration, assets), duty=duty_of(run))
     origin = float(run.began[0])
     read = run.measured_at - origin
     commands = _commands(run, twin.twin)
@@ -141,8 +141,15 @@ def _commands(run: Run, twin: TwinModel) -> deque[tuple[float, Array]]:
     return commands
 
 
-def _duty(run: Run) -> float:
-    """Return the Goal PWM(100) that the stage of a run had set, 0 to 1; 1 where the log names none."""
+def duty_of(run: Run) -> float:
+    """Return the Goal PWM(100) that the stage of a run had set, 0 to 1; 1 where the log names none.
+
+    Args:
+        run: The log.
+
+    Raises:
+        FileError: It is no duty.
+    """
     text = run.context.get("duty_limit", "1")
     try:
         duty = float(text)

@@ -9,18 +9,23 @@ import itertools
 import math
 import re
 from collections import Counter
+from collections.abc import Sequence
 from importlib.resources import files
 
 import numpy as np
 from PIL import Image
 
 from robolamp.compare.align import JointError
+from robolamp.compare.alone import Alone
 from robolamp.compare.comparison import Comparison
 from robolamp.compare.course import BANDS
 from robolamp.compare.figures import moving, page_data
 from robolamp.compare.flights import Flight
 from robolamp.compare.side import Base, origin
 from robolamp.compare.svg import LAMP, TWIN
+from robolamp.compare.task import DONE, NOT_DONE
+from robolamp.compare.task import cm as _cm
+from robolamp.compare.verdict import CANNOT_SAY, INSIDE
 from robolamp.files import write_atomic
 from robolamp.twin.render import Picture, qpos_of, strip
 
@@ -85,8 +90,36 @@ def document(title: str, body: str, data: str, style: str = "") -> str:
 _PARTS = ("uPlot.iife.min.js", "uPlot.min.css", "report.js", "report.css")
 
 
+def three(comparison: Comparison) -> tuple[tuple[str, str, str], ...]:
+    """Return the verdict's three parts: each its question, its answer in a word or two, and what that rests on."""
+    task, judged, alone = comparison.task, comparison.judged, comparison.alone
+    against = "Does the twin explain it?" if comparison.reference is None else "Do both runs agree?"
+    return (
+        ("Did it do the task?", _capital(task.word), _sentences(task.why)),
+        (against, _capital(judged.word) + " tolerances" * (judged.word != CANNOT_SAY), _sentences(judged.why)),
+        ("And its controller alone on the twin?", *_alone(comparison, alone)),
+    )
+
+
+def _alone(comparison: Comparison, alone: Alone) -> tuple[str, str]:
+    if alone.why:
+        return "Not known", f"It could not be run: {alone.why}."
+    goal = comparison.run.goal_m
+    did = f"Lands at {_cm(alone.travel)} for a goal of {_cm(goal)} ({(alone.travel - goal) * 100:+.1f} cm)"
+    same = (comparison.task.word, alone.hit) == (NOT_DONE, False)
+    return (
+        "Fell" if alone.fell else "Done" if alone.hit else "Not done",
+        f"{did} after {alone.hops} hop{'s' * (alone.hops != 1)}, in its own closed loop, without the goals that the "
+        f"lamp was sent.{' It misses there, too: look at the controller before the lamp.' * same}",
+    )
+
+
+def _sentences(said: Sequence[str]) -> str:
+    return f"{_capital('; '.join(said))}." if said else ""
+
+
 def sentence(comparison: Comparison) -> str:
-    """Return the verdict in a sentence or two."""
+    """Return how far the two are apart in a sentence or two."""
     joints = [joint for joint in comparison.joints if joint.samples]
     mean = float(np.mean([joint.after.mae for joint in joints])) * 1e3
     worst = max(joints, key=lambda joint: joint.after.mae)
@@ -99,23 +132,45 @@ def sentence(comparison: Comparison) -> str:
         f"{worst.after.mae * 1e3:.1f} mrad (allowed: {comparison.tolerances.joint_mae * 1e3:.0f})."
     )
     if math.isfinite(comparison.lamp_travel) and math.isfinite(comparison.twin_travel):
-        who = "the twin" if comparison.other.name == "twin" else comparison.other.name
+        who = "the twin, replaying its goals," if comparison.reference is None else comparison.other.name
         said += f" The lamp came {_cm(comparison.lamp_travel)}, {who} {_cm(comparison.twin_travel)}."
     return said
 
 
 def _head(comparison: Comparison, name: str) -> str:
-    failures = "".join(f"<li>{text(item)}</li>" for item in comparison.exceeded)
     backend = _ARTICLE.get(comparison.run.context.get("backend", ""), "a lamp")
     against = "its twin" if comparison.reference is None else f"the run {comparison.reference.path.name}"
     cut = "<p class='note'>The log ends early: the process that wrote it was killed. What it holds is compared.</p>"
+    parts = "".join(
+        f"<div class='part {colour}'><h2>{text(asked)}</h2><p class='badge'>{text(word)}</p><p>{text(why)}</p></div>"
+        for (asked, word, why), colour in zip(three(comparison), _colours(comparison), strict=True)
+    )
     return (
-        f"<header class='{comparison.verdict}'><p class='kicker'>{text(name)} on {backend}, against {text(against)}</p>"
-        f"<h1><span class='badge'>{comparison.verdict.capitalize()}</span> tolerances</h1>"
+        f"<header><p class='kicker'>{text(name)} on {backend}, against {text(against)}</p>"
+        f"<h1>{text(_title(comparison))}</h1><div class='parts'>{parts}</div>"
         f"<p class='verdict'>{text(sentence(comparison))} {text(_parted(comparison))}</p>"
-        + (f"<ul class='failures'>{failures}</ul>" if failures else "")
         + (cut if comparison.run.truncated else "")
         + "</header>"
+    )
+
+
+def _title(comparison: Comparison) -> str:
+    """Return task and verdict in one line, as "Not done, inside tolerances"."""
+    verdict = comparison.verdict + (
+        " whether the twin explains it" if comparison.verdict == CANNOT_SAY else " tolerances"
+    )
+    task = comparison.task.word + (" whether it did its task" if comparison.task.word == CANNOT_SAY else "")
+    return f"{_capital(task)}, {verdict}"
+
+
+def _colours(comparison: Comparison) -> tuple[str, str, str]:
+    """Return the class of each of the three parts."""
+    of = {DONE: "good", INSIDE: "good", CANNOT_SAY: "open"}
+    alone = comparison.alone
+    return (
+        of.get(comparison.task.word, "bad"),
+        of.get(comparison.verdict, "bad"),
+        "open" if alone.why else "good" if alone.hit else "bad",
     )
 
 
@@ -344,10 +399,13 @@ def _facts(comparison: Comparison, name: str) -> str:
 
 
 def _landed(comparison: Comparison) -> str:
-    other = f"{comparison.other.name} {_cm(comparison.twin_travel)}"
+    replays = " (replaying the lamp's goals)" if comparison.reference is None else ""
+    other = f"{comparison.other.name}{replays} {_cm(comparison.twin_travel)}"
     if not math.isfinite(comparison.lamp_travel):
-        return f"{other}; the lamp's own travel is not measured"
-    return f"lamp {_cm(comparison.lamp_travel)}, {other}"
+        said = f"{other}; the lamp's own travel is not measured"
+    else:
+        said = f"lamp {_cm(comparison.lamp_travel)}, {other}"
+    return said if comparison.alone.why else f"{said}; the controller alone on the twin {_cm(comparison.alone.travel)}"
 
 
 def _stood(fell: bool | None) -> str:
@@ -387,10 +445,6 @@ def _legend(comparison: Comparison, goal: bool = True) -> str:
 
 def _swatch(who: str) -> str:
     return f"<i class='swatch {who}'></i>"
-
-
-def _cm(metres: float) -> str:
-    return f"{round(metres * 100, 1) + 0.0:.1f} cm" if math.isfinite(metres) else "unknown"
 
 
 def _number(value: float, form: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -13,21 +13,26 @@ import numpy as np
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration
 from robolamp.compare.align import JointError, Trace, compare_joint
+from robolamp.compare.alone import alone_of
 from robolamp.compare.change import changed
 from robolamp.compare.comparison import Comparison
 from robolamp.compare.control import replay_controller
 from robolamp.compare.course import parting, plain, residuals, spectrum
 from robolamp.compare.diagnosis import Finding, diagnose
+from robolamp.compare.ending import ending_of
 from robolamp.compare.evidence import Evidence
 from robolamp.compare.explain import explain
-from robolamp.compare.flights import Hop, flights, hops
+from robolamp.compare.flights import flights, hops
+from robolamp.compare.landing import Landing, landing_of
 from robolamp.compare.replay import Replay, replay
 from robolamp.compare.report import write_report
 from robolamp.compare.side import Side, compared, of_replay, of_run, origin
+from robolamp.compare.task import task_of
 from robolamp.compare.tolerances import Tolerances, load_tolerances
+from robolamp.compare.verdict import verdict_of
 from robolamp.errors import FileError
 from robolamp.lamp import Lamp, load_lamp
-from robolamp.log.reader import Run, read_run, read_truth
+from robolamp.log.reader import Run, Truth, read_run, read_truth
 from robolamp.log.schemas import TWIN_PREFIX
 from robolamp.log.writer import LogWriter
 
@@ -39,6 +44,7 @@ def compare_log(
     calibration: Calibration,
     out: Path | str,
     truth: Path | str | None = None,
+    landed: float | None = None,
     tolerances: Tolerances | None = None,
     diagnosis: bool = True,
 ) -> Comparison:
@@ -50,6 +56,7 @@ def compare_log(
         calibration: What the twin is calculated with.
         out: The HTML report; the replay's log gets the same name with ".twin.mcap".
         truth: The truth log of an emulated lamp, where there is one.
+        landed: How far the base came by a ruler [m]; it counts before the truth.
         tolerances: What is allowed; None: calibration/tolerances/default.toml.
         diagnosis: Replay bent twins to say what differs; takes a few seconds.
 
@@ -66,8 +73,9 @@ def compare_log(
     lamp = load_lamp(assets)
     twin = replay(run, lamp, calibration, assets)
     comparison = _lay_over(
-        run, twin, lamp, of_run(run, true, "lamp"), of_replay(run, twin), None, calibration, allowed, report, twin_log
-    )
+        run, twin, lamp, *seen(run, true, landed, lamp), of_replay(run, twin), None, calibration, assets, allowed, report,
+        twin_log,
+    )  # fmt: skip
     explained = explain(Evidence(run, lamp, calibration, assets), lamp) if diagnosis else []
     found = diagnose(run, explained, comparison.joints, calibration, lamp)
     return _finish(comparison, tuple(found))
@@ -112,12 +120,13 @@ def compare_logs(
     lamp = load_lamp(assets)
     true = [None if truth is None else read_truth(truth) for truth in truths]
     twin = replay(run, lamp, calibration, assets)
-    ours, other = of_run(run, true[0], "lamp"), of_run(held, true[1], _called(held))
+    ours, landing = seen(run, true[0], None, lamp)
+    other = of_run(held, true[1], _called(held))
     # Beyond the end of the other's run the two no longer do the same.
     rows = compared(held)
     end = float(held.scheduled[rows][-1]) - origin(held) + held.control_period
     other = dataclasses.replace(other, angle=np.where(other.time <= end, other.angle, np.nan))
-    comparison = _lay_over(run, twin, lamp, ours, other, held, calibration, allowed, report, None)
+    comparison = _lay_over(run, twin, lamp, ours, landing, other, held, calibration, assets, allowed, report, None)
     explained = []
     if diagnosis:
         both = Evidence(run, lamp, calibration, assets), Evidence(held, lamp, calibration, assets)
@@ -169,9 +178,11 @@ def _lay_over(
     twin: Replay,
     lamp: Lamp,
     ours: Side,
+    landing: Landing,
     other: Side,
     reference: Run | None,
     calibration: Calibration,
+    assets: Assets,
     allowed: Tolerances,
     report: Path,
     twin_log: Path | None,
@@ -183,6 +194,9 @@ def _lay_over(
     off = residuals(ours, other, joints)
     rows = compared(run)
     zero = origin(run)
+    ending = ending_of(run)
+    endings = [ending] if reference is None else [ending, ending_of(reference)]
+    alone = alone_of(run, ending, lamp, calibration, assets, allowed.goal)
     begin, end = float(run.scheduled[rows][0]) - zero, float(run.scheduled[rows][-1]) - zero
     within = [(time[(time >= begin) & (time <= end)], error[(time >= begin) & (time <= end)]) for time, error in off]
     return Comparison(
@@ -199,11 +213,32 @@ def _lay_over(
         control=replay_controller(run, lamp),
         calibration=calibration,
         tolerances=allowed,
-        exceeded=tuple(_exceeded(joints, found, ours, other, allowed)),
+        task=task_of(run, lamp, ending, landing, alone, allowed.goal),
+        judged=verdict_of(run, endings, joints, found, ours, other, allowed),
+        alone=alone,
+        landing=landing,
         diagnosis=(),
         report=report,
         twin_log=twin_log,
     )
+
+
+def seen(run: Run, truth: Truth | None, ruler: float | None, lamp: Lamp) -> tuple[Side, Landing]:
+    """Return the lamp's side of a run, and what is known of where it landed: by a ruler before the truth.
+
+    Args:
+        run: The log.
+        truth: What the emulated lamp truly did, where that is known.
+        ruler: How far the base came [m]; None: nobody measured it.
+        lamp: The lamp's description.
+
+    Raises:
+        FileError: The truth is of another run.
+    """
+    side, landing = of_run(run, truth, "lamp"), landing_of(run, truth, lamp)
+    if ruler is None:
+        return side, landing
+    return dataclasses.replace(side, travel=ruler), dataclasses.replace(landing, travel=ruler)
 
 
 def _finish(comparison: Comparison, found: tuple[Finding, ...]) -> Comparison:
@@ -237,34 +272,6 @@ def _same_task(run: Run, held: Run) -> None:
 
 def _called(held: Run) -> str:
     return "twin" if held.context.get("backend") == "twin" else held.path.stem
-
-
-def _exceeded(
-    joints: tuple[JointError, ...], found: list[Hop], lamp: Side, other: Side, allowed: Tolerances
-) -> Iterator[str]:
-    for joint in joints:
-        if joint.samples == 0:
-            yield f"{joint.name}: no readings to compare"
-        if joint.after.mae > allowed.joint_mae:
-            yield (
-                f"{joint.name}: MAE {joint.after.mae * 1e3:.1f} mrad with the lag removed, "
-                f"allowed {allowed.joint_mae * 1e3:.1f} mrad"
-            )
-        if abs(joint.lag) > allowed.lag:
-            yield f"{joint.name}: lag {joint.lag * 1e3:+.1f} ms, allowed {allowed.lag * 1e3:.1f} ms"
-    for number, hop in enumerate(found, start=1):
-        for word, late in (("takes off", hop.off_late), ("lands", hop.on_late)):
-            if abs(late) > allowed.hop:
-                yield (
-                    f"hop {number}: {word} {abs(late) * 1e3:.0f} ms {'late' if late > 0 else 'early'}, "
-                    f"allowed {allowed.hop * 1e3:.0f} ms"
-                )
-    difference = lamp.travel - other.travel
-    if abs(difference) > allowed.travel:
-        yield (
-            f"travel: lamp {lamp.travel * 1e2:.1f} cm, {other.name} {other.travel * 1e2:.1f} cm, "
-            f"allowed difference {allowed.travel * 1e2:.1f} cm"
-        )
 
 
 def _write_twin_log(comparison: Comparison, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Tolerances (calibration/tolerances/*.toml): how far the lamp may be from its twin."""
+"""Tolerances (calibration/tolerances/*.toml): how far the lamp may be from its twin, and from its goal."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 from robolamp.assets import Assets
 from robolamp.files import Table, read_toml
+from robolamp.twin.judge import GOAL_RADIUS
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,8 @@ class Tolerances:
         lag: Each joint's lag, either way [s].
         travel: Difference of the base's travel, where it is known [m].
         hop: Difference of each hop's take-off, landing and flight time [s].
+        missing: Share of a joint's, or the foot's, readings that may be missing.
+        goal: Distance from the goal at which the task is done [m].
         path: The file.
     """
 
@@ -27,6 +30,8 @@ class Tolerances:
     lag: float
     travel: float
     hop: float
+    missing: float
+    goal: float
     path: Path
 
 
@@ -49,6 +54,8 @@ def load_tolerances(assets: Assets, name: str | Path = "default") -> Tolerances:
         lag=root.number("lag", 0.0, 1.0, "s"),
         travel=root.number("travel", 0.0, 10.0, "m"),
         hop=root.number("hop", 0.0, 10.0, "s", default=0.08),
+        missing=root.number("missing", 0.0, 1.0, default=0.0),
+        goal=root.number("goal", 0.0, 1.0, "m", default=GOAL_RADIUS),
         path=path,
     )
     root.done()

@@ -93,6 +93,9 @@ METADATA = "robolamp"
 ANSWER_WIRE = "answer_wire_s"
 """Where the context keeps how long a reading's packets are on the line [s]; known once the lamp is open."""
 
+DURATION = "duration_s"
+"""Where the context keeps how long the controller was to drive [s]; logs of 0.1.0 do not say."""
+
 LAMP_PREFIX = "/lamp"
 TWIN_PREFIX = "/twin"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 
@@ -19,11 +20,14 @@ def call(capsys, *words) -> tuple[int, str, str]:
     return int(caught.value.code or 0), out, err
 
 
-def test_inside_is_0_and_the_report_lands_beside_the_log(tmp_path, capsys):
+def test_inside_but_not_at_the_goal_is_1_and_the_report_lands_beside_the_log(tmp_path, capsys):
     log, truth = write_run(tmp_path)
     code, out, err = call(capsys, log, "--truth", truth, "--no-diagnosis")
-    assert (code, err) == (0, "")
-    assert out.startswith("inside tolerances.")
+    assert (code, err) == (1, "")
+    task, verdict, alone = out.splitlines()[:3]
+    assert re.match(r"Did it do the task\? +Not done\. Landed at 0\.0 cm for a goal of 30\.0 cm", task)
+    assert re.match(r"Does the twin explain it\? +Inside tolerances\.", verdict)
+    assert re.match(r"And its controller alone on the twin\? +Not known\. It could not be run", alone)
     assert out.endswith(f"report: {tmp_path / 'run.html'}\n")
     assert (tmp_path / "run.html").stat().st_size > 10_000
 
@@ -68,4 +72,6 @@ def test_a_log_that_is_none_is_2_with_json(tmp_path, capsys):
 def test_help_explains_the_exit_codes(capsys):
     code, out, _ = call(capsys, "--help")
     assert code == 0
-    assert "Exit code 0: inside the tolerances; 1: outside; 2: could not compare." in " ".join(out.split())
+    said = " ".join(out.split())
+    assert "Exit code 0: inside the tolerances, and nothing says that the task was not done; 1: outside" in said
+    assert "2: could not compare." in said

@@ -82,7 +82,8 @@ def test_a_weak_knee_in_the_emulator_is_named_first_with_its_size(weak, tmp_path
     truth = weak.with_name("truth.mcap")
     code, out, err = call(capsys, weak, "--truth", truth, "--json", "-o", tmp_path / "r.html")
     result = json.loads(out)
-    assert (code, err) == (1 if result["exceeded"] else 0, "")
+    good = result["verdict"] == "inside" and result["task"] != "not done"
+    assert (code, err) == (0 if good else 1, "")
     first = result["diagnosis"][0]
     assert first["knob"] == "strength knee"
     assert first["size"] == pytest.approx(-0.10, abs=0.02)

@@ -123,7 +123,8 @@ def test_the_replay_is_a_log_on_the_same_clock(tmp_path):
 def test_without_truth_the_lamps_travel_is_unknown(tmp_path):
     log, _ = write_run(tmp_path)
     result = compare_log(log, assets=ASSETS, calibration=CALIBRATION, out=tmp_path / "report.html", diagnosis=False)
-    assert result.verdict == "inside"
+    assert result.verdict == result.task.word == "cannot say"
+    assert result.judged.why == ("travel unknown: nothing measured how far the lamp came",)
     assert np.isnan(result.lamp_travel)
     assert json.loads(json.dumps(jsonable(result.as_dict()), allow_nan=False))["travel_m"] is None
 
@@ -216,7 +217,8 @@ def bare_log(path, joints=LAMP.names, goal=0.0, days=0, angle=0.0, phase="start"
 def test_a_log_without_context_and_next_to_no_run_phase_is_compared(tmp_path, phase):
     log = bare_log(tmp_path / "run.mcap", phase=phase)
     result = compare_log(log, assets=ASSETS, calibration=CALIBRATION, out=tmp_path / "report.html", diagnosis=False)
-    assert result.verdict == "inside"
+    assert result.verdict == "cannot say"
+    assert "too few readings: 5 ticks" in result.judged.why
     assert [joint.samples for joint in result.joints] == [5, 5, 5]
 
 

@@ -1,0 +1,188 @@
+"""Does the twin explain a run? Inside the tolerances, outside, or cannot say; and why, in words.
+
+Nothing that was not measured is inside: a value that is missing makes the verdict "cannot say", or "outside" where what
+is missing is itself a difference (a reading, a hop).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robolamp.compare.align import MIN_SAMPLES, STILL, JointError
+from robolamp.compare.ending import EARLY_ENDS, Ending
+from robolamp.compare.flights import Hop
+from robolamp.compare.side import Side, compared, origin
+from robolamp.compare.tolerances import Tolerances
+from robolamp.log.reader import Run
+
+INSIDE, OUTSIDE, CANNOT_SAY = "inside", "outside", "cannot say"
+_LEAST_SHARE = 0.5  # chosen: with fewer of its readings than this a joint's motion is not known
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether the twin explains a run.
+
+    Attributes:
+        exceeded: What is outside its tolerance, a sentence each; empty where nothing is.
+        unknown: Why one cannot say whether the rest is inside; empty: one can.
+        driven: Whether the controller drove at all: without that there is nothing to explain.
+    """
+
+    exceeded: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
+    driven: bool = True
+
+    @property
+    def word(self) -> str:
+        """Return "inside", "outside" or "cannot say": a difference that is seen counts, whatever else is not known."""
+        if self.exceeded and self.driven:
+            return OUTSIDE
+        return CANNOT_SAY if self.unknown else INSIDE
+
+    @property
+    def why(self) -> tuple[str, ...]:
+        """Return what the word rests on; empty for "inside"."""
+        return self.exceeded + self.unknown if self.driven else self.unknown
+
+
+def verdict_of(
+    run: Run,
+    endings: Sequence[Ending],
+    joints: Sequence[JointError],
+    hops: Sequence[Hop],
+    lamp: Side,
+    other: Side,
+    allowed: Tolerances,
+) -> Verdict:
+    """Return whether what the lamp is held against explains what it did.
+
+    Against the twin's replay a travel that nobody measured leaves the verdict open. Of two logs it is left out where
+    it is not known of both.
+
+    Args:
+        run: The lamp's log.
+        endings: How the run ended, and the other one, where two logs are compared.
+        joints: The differences, joint by joint.
+        hops: The hops of both.
+        lamp: What the lamp did.
+        other: What it is held against.
+        allowed: The tolerances.
+    """
+    rows = compared(run)
+    missing = np.count_nonzero(~np.isfinite(run.angle[rows]), axis=0).tolist()
+    exceeded = [
+        *_fell(lamp, other), *_joints(joints, missing, allowed), *_hops(hops, allowed, other.name),
+        *_travel(lamp, other, allowed), *_foot(run, rows, allowed), *_faults(run),
+    ]  # fmt: skip
+    unknown = [*_ended(endings, other), *_unknown(run, joints, missing, lamp, other, rows)]
+    if len(endings) == 1 and not math.isfinite(lamp.travel - other.travel):
+        unknown.append("travel unknown: nothing measured how far the lamp came")
+    return Verdict(tuple(exceeded), tuple(unknown), driven=endings[0].drove > 0.0)
+
+
+def _fell(lamp: Side, other: Side) -> Iterator[str]:
+    if lamp.fell and other.fell:
+        yield f"the lamp fell, and so did the {other.name}: what lies on the floor is not compared"
+    elif lamp.fell or other.fell:
+        fell, stood = ("lamp", other) if lamp.fell else (other.name, lamp)
+        yield f"the {fell} fell" + ("" if stood.fell is None else f", the {stood.name} did not")
+
+
+def _joints(joints: Sequence[JointError], missing: Sequence[int], allowed: Tolerances) -> Iterator[str]:
+    for joint, gone in zip(joints, missing, strict=True):
+        if joint.after.mae > allowed.joint_mae:
+            yield (
+                f"{joint.name}: MAE {joint.after.mae * 1e3:.1f} mrad with the lag removed, "
+                f"allowed {allowed.joint_mae * 1e3:.1f} mrad"
+            )
+        if abs(joint.lag) > allowed.lag:
+            yield f"{joint.name}: lag {joint.lag * 1e3:+.1f} ms, allowed {allowed.lag * 1e3:.1f} ms"
+        if gone > allowed.missing * joint.of:
+            yield f"{joint.name}: {gone} of {joint.of} readings are missing, allowed {allowed.missing:.1%}"
+
+
+def _hops(hops: Sequence[Hop], allowed: Tolerances, called: str) -> Iterator[str]:
+    for number, hop in enumerate(hops, start=1):
+        if hop.lamp is None or hop.twin is None:
+            yield f"hop {number}: only {f'of the {called}' if hop.lamp is None else 'on the lamp'}"
+        for word, late in (("takes off", hop.off_late), ("lands", hop.on_late)):
+            if abs(late) > allowed.hop:
+                yield (
+                    f"hop {number}: {word} {abs(late) * 1e3:.0f} ms {'late' if late > 0 else 'early'}, "
+                    f"allowed {allowed.hop * 1e3:.0f} ms"
+                )
+
+
+def _travel(lamp: Side, other: Side, allowed: Tolerances) -> Iterator[str]:
+    difference = lamp.travel - other.travel
+    if abs(difference) > allowed.travel:
+        yield (
+            f"travel: lamp {lamp.travel * 1e2:.1f} cm, {other.name} {other.travel * 1e2:.1f} cm, "
+            f"allowed difference {allowed.travel * 1e2:.1f} cm"
+        )
+
+
+def _foot(run: Run, rows: np.ndarray, allowed: Tolerances) -> Iterator[str]:
+    gone, of = int(np.count_nonzero(~np.isfinite(run.foot_force[rows]))), int(np.count_nonzero(rows))
+    if gone > allowed.missing * of:
+        yield f"foot: {gone} of {of} readings are missing, allowed {allowed.missing:.1%}"
+
+
+def _faults(run: Run) -> Iterator[str]:
+    """Yield the faults while the controller drove: the twin knows none."""
+    rows = np.flatnonzero(run.phase == "run")
+    if not rows.size:
+        return
+    faults = Counter(text for row in rows for text in run.faults[row])
+    begin, end = run.log_time[rows[0]], run.log_time[rows[-1]] + int(run.control_period * 1e9)
+    told = {
+        text
+        for when, level, text in run.events
+        if level != "info" and begin <= when <= end and not text.startswith(EARLY_ENDS)
+    }
+    for text in sorted(told - set(faults)):
+        if not any(fault in text for fault in faults):
+            faults[text] = 1
+    for text, count in faults.most_common(3):
+        yield f"a fault while the controller drove: {text}" + (f" ({count} ticks)" if count > 1 else "")
+    if len(faults) > 3:
+        yield f"{len(faults) - 3} more kinds of fault while it drove"
+
+
+def _ended(endings: Sequence[Ending], other: Side) -> Iterator[str]:
+    for ending, whose in zip(endings, ("the run", other.name), strict=False):
+        if ending.cut:
+            yield f"{whose}: {ending.wrong}"
+
+
+def _unknown(
+    run: Run, joints: Sequence[JointError], missing: Sequence[int], lamp: Side, other: Side, rows: np.ndarray
+) -> Iterator[str]:
+    ticks, end = int(np.count_nonzero(rows)), float(run.scheduled[rows][-1]) - origin(run)
+    if ticks < MIN_SAMPLES:
+        yield f"too few readings: {ticks} ticks"
+    for joint, gone in zip(joints, missing, strict=True):
+        there = min(joint.samples, joint.of - gone)
+        if ticks >= MIN_SAMPLES and there < max(MIN_SAMPLES, _LEAST_SHARE * joint.of):
+            yield f"too few readings: {joint.name}, {there} of {joint.of}"
+    known = [math.isfinite(joint.lag) for joint in joints]
+    if not any(known):
+        yield "lag unknown: no joint moved enough, and alike, to have one"
+    else:
+        for index, joint in enumerate(joints):
+            if not known[index] and any(_moves(side, index, end) for side in (lamp, other)):
+                yield f"{joint.name}: lag unknown, the two do not show one motion"
+
+
+def _moves(side: Side, joint: int, end: float) -> bool:
+    """Return whether a joint moves while the controller drives: from 0 to `end` on a side's clock [s]."""
+    time = side.time[:, joint]
+    driven = side.angle[(time >= 0.0) & (time <= end), joint]
+    known = driven[np.isfinite(driven)]
+    return known.size > 0 and float(known.std()) >= STILL
