@@ -117,4 +117,3 @@ def _fail(message: str, where: str, as_json: bool) -> int:
     with contextlib.suppress(OSError, ValueError):  # closed, too: then there is nobody to tell
         print(f"robolamp: {where + ': ' if where else ''}{message}", file=sys.stderr, flush=True)
     return 2
-

@@ -70,7 +70,9 @@ def prepared(folder: Path, run: Path) -> Path:
 def files(folder: Path) -> set[Path]:
     """What is in the folder of the output, and beside it."""
     found = {path.relative_to(folder) for path in folder.rglob("*") if not path.is_dir() or path.is_symlink()}
-    return {path for path in found if path.name not in ("run", "bam.json", "quiet.toml", ".lock") or "out" in path.parts}
+    return {
+        path for path in found if path.name not in ("run", "bam.json", "quiet.toml", ".lock") or "out" in path.parts
+    }
 
 
 @pytest.mark.parametrize("writer", WRITERS)
