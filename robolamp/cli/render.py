@@ -23,7 +23,7 @@ from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.model import Pole, TwinModel, build
 from robolamp.twin.playback import play, play_figure
 from robolamp.twin.render import animation, beside, png, strips
-from robolamp.twin.video import gif, mp4
+from robolamp.twin.video import encoders, gif, mp4
 
 Array = NDArray[np.float64]
 
@@ -76,6 +76,8 @@ def render(
     """
     if output.suffix not in (".png", *_ANIMATIONS):
         raise RobolampError(f"{output.name!r} does not end in .png, .gif or .mp4", "--output")
+    if output.suffix == ".mp4":
+        encoders()  # before the work of drawing
     setup = Setup.of(lamp, calibration)
     limbo = pole_of(pole, pole_at)
     lamp_alone = {
