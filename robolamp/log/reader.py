@@ -121,7 +121,7 @@ class Run:
         from robolamp.log.table import columns_of  # noqa: PLC0415 (which reads runs, too)
 
         try:
-            import pandas  # noqa: ICN001, PLC0415 (nothing else of robolamp needs it)
+            import pandas  # noqa: PLC0415 (nothing else of robolamp needs it)
         except ImportError:
             raise RobolampError("needs pandas: pip install pandas", "to_pandas") from None
         table = pandas.DataFrame(columns_of(self))
