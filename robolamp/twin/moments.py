@@ -74,7 +74,7 @@ def caption(time: float, name: str, travel: float) -> str:
         name: What moment it is; empty: none of note.
         travel: How far the base has come [m].
     """
-    return "   ".join(part for part in (f"{time:.2f} s", name, f"{travel * 100:.1f} cm") if part)
+    return "   ".join(part for part in (f"{time:.2f} s", name, f"{round(travel * 100, 1) + 0.0:.1f} cm") if part)
 
 
 def _flights(time: Array, height: Array) -> list[tuple[int, int, int]]:

@@ -22,6 +22,7 @@ Picture = NDArray[np.uint8]
 _INK, _PAPER, _DESK = (40, 42, 46), (244, 245, 247), (214, 204, 190)
 _POLE, _POST = rgb("bad"), (89, 92, 97)
 _GOAL = rgb("goal")
+_FONT = 17  # pixels: a strip of seven is shown at half its size in a report
 _WIDER = 1.2  # than the scene's cameras see, so that a lamp stretched to take off is in the picture whole
 _SUPERSAMPLE = 3  # the side view is drawn larger and shrunk, which smooths its edges
 
@@ -342,7 +343,7 @@ def strips(
     size = (len(labels) * (width + gap) - gap, len(motions) * (height + gap) - gap + foot)
     sheet = Image.new("RGB", size, (255, 255, 255))
     draw = ImageDraw.Draw(sheet)
-    font = ImageFont.load_default(14)
+    font = ImageFont.load_default(_FONT)
     pictures = iter(_pictures(twin, np.concatenate(list(motions.values())), width, height, opengl, point))
     for row, (name, poses) in enumerate(motions.items()):
         top = row * (height + gap)
@@ -373,7 +374,7 @@ def beside(
     """
     poses = np.stack(list(motions.values()), axis=1)
     pictures = _pictures(twin, poses.reshape(-1, poses.shape[2]), width, height, opengl, None)
-    font = ImageFont.load_default(14)
+    font = ImageFont.load_default(_FONT)
     frames = []
     for first in range(0, len(pictures), len(motions)):
         frame = Image.fromarray(np.concatenate(pictures[first : first + len(motions)], axis=1))
