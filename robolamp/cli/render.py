@@ -105,7 +105,7 @@ def render(
     if output.suffix == ".png":
         first = next(iter(motions.values()))
         chosen = moments(model, time, lambda index: first[index], _POSES)
-        picked = [moment.index for moment in chosen]
+        picked = [moment.at for moment in chosen]
         labels = [caption(time[at], name, travel[at]) for at, name in chosen]
         drawn = {name: poses[picked] for name, poses in motions.items()}
         data = png(strips(model, drawn, labels, opengl=opengl, point=point))

@@ -49,7 +49,7 @@ class PageServer(http.server.ThreadingHTTPServer):
 
 
 class _Handler(http.server.BaseHTTPRequestHandler):
-    server: PageServer
+    server: PageServer  # pyright: ignore[reportIncompatibleVariableOverride] (no other starts it)
     server_version, sys_version = "robolamp", ""
     timeout = _IDLE
 

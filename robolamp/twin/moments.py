@@ -24,11 +24,11 @@ class Moment(NamedTuple):
     """A moment.
 
     Attributes:
-        index: Of the sample.
+        at: Index of the sample.
         name: What it is: "stance", "take-off", "apex", "landing", "end"; empty for one between those.
     """
 
-    index: int
+    at: int
     name: str
 
 

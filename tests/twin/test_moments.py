@@ -36,7 +36,7 @@ def motion(twin: TwinModel, hops: int, high: float = 0.02, lasts: float = FLIGHT
 def names(twin: TwinModel, count: int, *args: object, **more: float) -> list[str]:
     time, poses = motion(twin, *args, **more)  # type: ignore[arg-type]
     found = moments(twin, time, lambda at: poses[at], count)
-    assert [moment.index for moment in found] == sorted({moment.index for moment in found})
+    assert [moment.at for moment in found] == sorted({moment.at for moment in found})
     return [moment.name for moment in found]
 
 
@@ -67,7 +67,7 @@ def test_a_rebound_is_no_flight(twin: TwinModel, flight: dict[str, float]) -> No
 
 def test_the_shortest_motion_is_shown_whole(twin: TwinModel) -> None:
     time, poses = motion(twin, 0)
-    assert [moment.index for moment in moments(twin, time[:3], lambda at: poses[at], 8)] == [0, 1, 2]
+    assert [moment.at for moment in moments(twin, time[:3], lambda at: poses[at], 8)] == [0, 1, 2]
 
 
 def test_captions() -> None:
