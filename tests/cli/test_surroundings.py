@@ -36,7 +36,7 @@ WORK = {  # by verb: a call that is soon done, and its exit code; none of them h
     "score": ("score hop --goals 0.3 --duration 1", 0),
     "explain": ("explain hop", 0),
     "evolve": ("evolve hop -o evolved --population 2 --generations 1 --seed-from hop --set duration=0.5", 0),
-    "study": ("study population --points 10 -o studies --draw-only", 0),
+    "study": ("study population --points 10 --seeds 1 --set duration=0.5 --set gp.generations=1 -o studies", 0),
     "log info": ("log info run/log.mcap", 0),
     "log export": ("log export run/log.mcap -o run.csv", 0),
     "log recover": ("log recover run/log.mcap -o recovered.mcap", 0),

@@ -22,7 +22,7 @@ WRITERS = {  # every verb that writes files, all that it can write
     "calibrate bam, import": "calibrate bam bam.json -o out/bam.toml",
     "calibrate record": "calibrate record --emulate --step drop-2 -o out",
     "evolve": "evolve hop -o out --population 2 --generations 1 --seed-from hop --set duration=0.5",
-    "study": "study population --points 10 -o out --draw-only",
+    "study": "study population --points 10 --seeds 1 --set duration=0.5 --set gp.generations=1 -o out",
     "log export": "log export run/log.mcap -o out/run.csv",
     "log recover": "log recover run/log.mcap -o out/recovered.mcap",
     "replay": "replay run/log.mcap -o out/page.html",
