@@ -23,7 +23,7 @@ _INK, _PAPER, _DESK = (40, 42, 46), (244, 245, 247), (214, 204, 190)
 _POLE, _POST = rgb("bad"), (89, 92, 97)
 _GOAL = rgb("goal")
 _FONT = 17  # pixels: a strip of seven is shown at half its size in a report
-_WIDER = 1.2  # than the scene's cameras see, so that a lamp stretched to take off is in the picture whole
+_WIDER = 1.2  # than the scene's camera for strips sees, so that a lamp stretched to take off is in the picture whole
 _SUPERSAMPLE = 3  # the side view is drawn larger and shrunk, which smooths its edges
 
 
@@ -110,7 +110,7 @@ class Camera:
             self._data.cam_xpos[view.fixedcamid, axes] += qpos[axes]
         options = mujoco.MjvOption()
         mujoco.mjv_updateScene(self._model, self._data, options, None, view, mujoco.mjtCatBit.mjCAT_ALL, self._scene)
-        for eye in self._scene.camera:
+        for eye in self._scene.camera if camera == "strip" else ():
             eye.frustum_bottom, eye.frustum_top = _WIDER * eye.frustum_bottom, _WIDER * eye.frustum_top
         if self._point is not None:
             self._mark(*self._point)
