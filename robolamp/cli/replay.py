@@ -43,7 +43,7 @@ def replay(
     """
     if not 0 <= port <= 65535:
         raise RobolampError(f"{port} is no port; expected 0 to 65535", "--port")
-    html = _page(log, truth, Setup.of(lamp, calibration)).encode()
+    html = _page(log, truth, Setup.of(lamp, calibration)).encode(errors="replace")  # no text: file names
     if output is not None:
         write_atomic(output, html)
         if as_json:

@@ -109,7 +109,8 @@ class LogWriter:
         try:
             self._writer = Writer(self._stream)
             self._writer.start("ros2", "robolamp")
-            self._writer.add_metadata(METADATA, {**context, "epoch_offset_ns": str(self._offset)})
+            known = {key: value.encode(errors="replace").decode() for key, value in context.items()}  # file names
+            self._writer.add_metadata(METADATA, {**known, "epoch_offset_ns": str(self._offset)})
             self._encoders: dict[str, tuple[int, Encoder]] = {}  # with the schema's id
             self._channels: dict[str, int] = {}
             self._told = 0  # of the dropped entries

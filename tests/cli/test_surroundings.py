@@ -117,6 +117,16 @@ def test_a_name_that_is_no_text_is_shown_and_kept(tmp_path: Path) -> None:
         assert done.stderr.startswith(b"robolamp: " + folder)
 
 
+@pytest.mark.parametrize("verb", ["compare", "replay", "render", "log info", "log export", "log recover"])
+def test_a_log_whose_name_is_no_text_is_used_like_any_other(tmp_path: Path, run: Path, verb: str) -> None:
+    name = b"m\xfcll.mcap"
+    shutil.copy(run / "log.mcap", os.fsencode(tmp_path) + b"/" + name)
+    words, expected = WORK[verb]
+    command = [*ROBOLAMP, *(name if word == "run/log.mcap" else word for word in words.split())]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (expected, b"")
+
+
 # What root may not write to, either, once it has laid down the right to.
 UNPRIVILEGED = ["setpriv", "--bounding-set=-dac_override,-fowner", "--inh-caps=-dac_override,-fowner"]
 
