@@ -52,7 +52,7 @@ def cache_folder(name: str) -> Path | None:
 
 
 def settle_libraries() -> None:
-    """Tell libraries that would keep things in a home where there is none to write to; else they complain each start."""
+    """Tell libraries that keep things in a home when there is none to write to; else they complain at each start."""
     for variable, name in (("XDG_CONFIG_HOME", ".config"), ("XDG_CACHE_HOME", ".cache")):  # where they look
         folder = os.path.abspath(os.environ.get(variable) or os.path.expanduser(f"~/{name}"))  # noqa: PTH100, PTH111
         while not os.path.exists(folder):  # noqa: PTH110 (Path's raises where a folder above may not be entered)

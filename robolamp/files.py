@@ -12,9 +12,9 @@ import hashlib
 import json
 import os
 import re
+import secrets
 import stat
 import sys
-import tempfile
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -26,32 +26,77 @@ from robolamp.errors import FileError
 def write_atomic(path: Path, data: str | bytes) -> None:
     """Write a file so that a reader sees the old content or the new, never half of either.
 
+    A link in its place is replaced, not followed: a folder that came from somebody else writes to nothing outside it.
+
     Args:
         path: Where to; missing parent folders are made.
-        data: Text (written as UTF-8) or bytes.
+        data: Text (written as UTF-8; what is no text, as in some file names, as "?") or bytes.
 
     Raises:
         FileError: The folder or the file cannot be written.
     """
-    raw = data.encode() if isinstance(data, str) else data
+    raw = data.encode(errors="replace") if isinstance(data, str) else data
+    with partial(path) as temporary:
+        try:
+            with os.fdopen(open_new(temporary), "wb") as stream:
+                stream.write(raw)
+                stream.flush()
+                os.fsync(stream.fileno())
+        except OSError as error:
+            raise _unwritten(path, error) from None
+
+
+@contextlib.contextmanager
+def partial(path: Path, name: str = "") -> Iterator[Path]:
+    """Give a name to write to, and make what is there the file; on every way out but a good one it is removed.
+
+    Args:
+        path: The file; missing parent folders are made.
+        name: What it is called until then; unless given, as no other file is.
+
+    Raises:
+        FileError: The folder or the file cannot be written, or what is there is no file.
+    """
+    temporary = path.parent / (name or f".robolamp-{secrets.token_hex(6)}")
     try:
+        if path.exists() and not path.is_file() and not path.is_dir():  # as /dev/stdout, which is a link
+            raise FileError("cannot be written: is a device or a pipe; expected a file", str(path))
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     except OSError as error:
-        raise FileError(f"cannot be written: {error.strerror or error}", str(path)) from None
+        raise _unwritten(path, error) from None
     try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(raw)
-            stream.flush()
-            os.fsync(stream.fileno())
-        umask = os.umask(0)
-        os.umask(umask)
-        Path(temporary).chmod(0o666 & ~umask)
-        Path(temporary).replace(path)
-    except OSError as error:
+        yield temporary
+        try:
+            temporary.replace(path)
+        except OSError as error:
+            raise _unwritten(path, error) from None
+    finally:
         with contextlib.suppress(OSError):
-            Path(temporary).unlink()
-        raise FileError(f"cannot be written: {error.strerror or error}", str(path)) from None
+            temporary.unlink()
+
+
+def _unwritten(path: Path, error: OSError) -> FileError:
+    """Return (not raise) what is said of a file that could not be written."""
+    return FileError(f"cannot be written: {error.strerror or error}", str(path))
+
+
+def open_new(path: Path) -> int:
+    """Open a file for writing, in place of whatever file or link has its name, and return its descriptor.
+
+    Nothing is ever written through a link: neither a symbolic one, nor into a file that has another name, too.
+
+    Raises:
+        OSError: It cannot be made.
+    """
+    flags = os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC
+    with contextlib.suppress(FileNotFoundError):
+        mode = path.lstat().st_mode
+        if not stat.S_ISREG(mode) and not stat.S_ISLNK(mode):
+            descriptor = os.open(path, flags | os.O_NONBLOCK)  # a pipe that nobody reads would make us wait
+            os.set_blocking(descriptor, True)
+            return descriptor
+        path.unlink()
+    return os.open(path, flags | os.O_CREAT | os.O_EXCL, 0o666)
 
 
 MOST_TOML = 4 << 20
@@ -260,7 +305,7 @@ def alone(folder: Path) -> Iterator[None]:
     except OSError as error:
         raise FileError(f"cannot be made: {error.strerror or error}", str(folder)) from None
     try:
-        stream = (folder / ".lock").open("a")
+        stream = os.fdopen(os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666))
     except OSError as error:
         raise FileError(f"cannot be written: {error.strerror or error}", str(folder)) from None
     with stream:

@@ -7,16 +7,17 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core import config
 
 from robolamp.caches import cache_folder, usable
 
 
 def _settle() -> bool:
     """Choose where compiled code is kept; return whether there is such a place."""
-    if numba.config.CACHE_DIR or usable(Path(__file__).parent / "__pycache__"):
+    if config.CACHE_DIR or usable(Path(__file__).parent / "__pycache__"):
         return True  # NUMBA_CACHE_DIR, or numba's own choice
     folder = cache_folder("numba")
-    numba.config.CACHE_DIR = str(folder or "")
+    config.CACHE_DIR = str(folder or "")
     return folder is not None
 
 

@@ -13,7 +13,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from mujoco.batch import Batch
-from robolamp.jit import njit
 from numpy.typing import NDArray
 
 from robolamp.calibrate.pendulum import (
@@ -25,6 +24,7 @@ from robolamp.calibrate.pendulum import (
     require_pendulum,
 )
 from robolamp.calibrate.recordings import COUNTS_PER_RADIAN, FULL_DUTY, Recording
+from robolamp.jit import njit
 from robolamp.twin.pendulum import pendulum_model
 from robolamp.twin.servo import friction_loss, weaken
 

@@ -13,12 +13,12 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from robolamp.jit import njit
 from numpy.typing import NDArray
 
 from robolamp.calibrate.recordings import COUNTS_PER_RADIAN, FULL_DUTY, Recording
 from robolamp.calibration import JOINT, SERVO
 from robolamp.errors import FileError
+from robolamp.jit import njit
 from robolamp.twin.pendulum import FIRM, POINT, QUICK, Load
 from robolamp.twin.servo import REFERENCE_TEMPERATURE
 

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from robolamp.compare.svg import FAINT, INK, LAMP, STYLE, TWIN, svg
+from robolamp.compare.svg import FAINT, GOAL, INK, LAMP, STYLE, TWIN, svg
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ def overlay(tracks: Sequence[Track], title: str) -> str:
         ratios = [*[_PANEL] * len(tracks), _RESIDUAL]
         axes = figure.subplots(len(tracks) + 1, 1, sharex=True, gridspec_kw={"height_ratios": ratios})
         for track, axis in zip(tracks, axes[:-1], strict=True):
-            _line(axis, track.time, track.goal, color=FAINT, linewidth=0.8, alpha=0.6)
+            _line(axis, track.time, track.goal, color=GOAL, linewidth=0.9, linestyle=(0, (4, 3)))
             _line(axis, track.time, track.simulated, color=TWIN)
             _line(axis, track.time, track.measured, color=LAMP, linewidth=1.1)
             axis.set_ylabel(f"{track.label}\n[rad]")

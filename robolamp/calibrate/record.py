@@ -18,7 +18,7 @@ from robolamp.controller.file import load_controller
 from robolamp.controller.pilot import Pilot
 from robolamp.dynamixel.bus import PATIENCE, Port
 from robolamp.errors import FileError, SafetyError
-from robolamp.files import alone, sha256, suffix_of
+from robolamp.files import alone, partial, sha256, suffix_of
 from robolamp.foot.sensor import ByteSource
 from robolamp.lamp import Lamp
 from robolamp.log.context import run_context
@@ -173,25 +173,19 @@ def _open(session: Session) -> Manifest:
 def _record_step(session: Session, step: Step, connect: Connect, person: Person | None) -> tuple[Entry, float | None]:
     """Return the recording, and the lamp's mass [kg] where the connection knows it."""
     lamp, final = step.lamp(session.lamp), session.folder / f"{step.name}.mcap"
-    part = final.with_name(final.name + _UNFINISHED)
     pilot, source = _pilot(session, step, lamp)
-    try:
-        with connect(step) as ports:
-            result = _play(session, step, lamp, pilot, source, ports, part)
-            if result.ended != "finished":
-                raise SafetyError(f"{result.ended}: {result.reason}; start again to go on with this step", step.name)
-            travel = None
-            if step.controller:
-                if ports.travelled:
-                    travel = ports.travelled()
-                elif person:
-                    travel = person.travel("How far did the base come?")
+    with partial(final, final.name + _UNFINISHED) as part, connect(step) as ports:
+        result = _play(session, step, lamp, pilot, source, ports, part)
+        if result.ended != "finished":
+            raise SafetyError(f"{result.ended}: {result.reason}; start again to go on with this step", step.name)
+        travel = None
+        if step.controller:
+            if ports.travelled:
+                travel = ports.travelled()
+            elif person:
+                travel = person.travel("How far did the base come?")
         if travel is not None and not math.isfinite(travel):
             raise SafetyError("the way it went is not known", step.name)
-        part.replace(final)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
     return Entry(step.name, final.name, sha256(final), step.clamped, travel), ports.mass
 
 

@@ -25,6 +25,7 @@ from robolamp.emulator.reality import Reality, load_reality
 from robolamp.emulator.servo import Servo
 from robolamp.emulator.servos_file import load_servos
 from robolamp.errors import FileError
+from robolamp.files import open_new
 from robolamp.lamp import Lamp, load_lamp
 
 
@@ -159,7 +160,7 @@ class InjectionLog:
         self._stream: TextIO | None = None
         if path is not None:
             try:
-                self._stream = path.open("w", encoding="utf-8", buffering=1)
+                self._stream = os.fdopen(open_new(path), "w", encoding="utf-8", buffering=1)
             except OSError as error:
                 raise FileError(f"cannot be written: {error.strerror or error}", str(path)) from None
 

@@ -1,4 +1,4 @@
-"""Where the process begins, whatever surrounds it: closed streams, no home, Ctrl-C while it is still loading."""
+"""Where the process begins, whatever surrounds it: closed streams, no home, signals to end it."""
 
 from __future__ import annotations
 
@@ -14,12 +14,16 @@ _NO_DISPLAY = "0"
 """MUJOCO_GL unless it is given. Else MuJoCo asks glfw for a display as it loads, in a process that Ctrl-C hits, too;
 what robolamp draws, it draws without one (`robolamp.twin.render`)."""
 
-_INTERRUPTED = 130  # as a shell reports a process that SIGINT ended
+_ENDS = (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)  # what else asks a process to end
+_SIGNALLED = 128  # and the signal's number: as a shell reports a process that a signal ended
 
 
 def main() -> None:
     """Run the command line and exit the process with its code."""
     signal.signal(signal.SIGINT, _interrupt)
+    for number in _ENDS:
+        if signal.getsignal(number) is signal.SIG_DFL:  # not ignored, as under nohup
+            signal.signal(number, _interrupt)
     settle_streams()
     settle_libraries()
     if sys.platform == "linux" and not os.environ.get("MUJOCO_GL"):
@@ -28,14 +32,19 @@ def main() -> None:
         from robolamp.cli.main import main as run
 
         run()
-    except KeyboardInterrupt:
-        sys.exit(_INTERRUPTED)
+    except KeyboardInterrupt as interrupt:
+        sys.exit(interrupt.args[0] if interrupt.args else _SIGNALLED + signal.SIGINT)
 
 
-def _interrupt(_: int, frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt, but not into an import: a library's C code makes an ImportError of it."""
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt with the exit code, so that what is half-written goes; whatever the signal.
+
+    Not into an import: a library's C code makes an ImportError of it.
+    """
+    if number in _ENDS:
+        signal.signal(number, signal.SIG_DFL)  # a second one does not wait
     while frame is not None:
         if frame.f_code.co_filename.startswith("<frozen importlib"):
-            os._exit(_INTERRUPTED)
+            os._exit(_SIGNALLED + number)
         frame = frame.f_back
-    raise KeyboardInterrupt
+    raise KeyboardInterrupt(_SIGNALLED + number)

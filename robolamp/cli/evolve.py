@@ -207,13 +207,14 @@ def _tell(result: Result, as_json: bool) -> None:
         )
         return
     made = result.controller
-    verbs = f", robolamp explain {made}, or robolamp dry-run {made} --goal 0.30"
+    verbs = [f"explain {made}", f"dry-run {made} --goal 0.30"]
     if read_figure(made) != LAMP:
-        verbs = f", or robolamp render {made} -o {made.with_suffix('.gif')}"
+        verbs = [f"render {made} -o {made.with_suffix('.gif')}"]
+    following = "".join(f"\n      robolamp {verb}" for verb in verbs)
     Console().print(
-        f"Best fitness {result.best_fitness:.3f} after {last.individuals} individuals in {last.wall_s:.0f} s"
-        f" ({last.physics_s / max(last.wall_s, 1e-9):.0%} of it physics).\n"
+        f"Best fitness {result.best_fitness:.3f} (lower is better) after {last.individuals} individuals in"
+        f" {last.wall_s:.0f} s.\n"
         f"Controller: {result.controller}\n"
-        f"Next: robolamp score {made}{verbs}",
+        f"Next: robolamp score {made}{following}",
         highlight=False, markup=False, soft_wrap=True,
     )  # fmt: skip

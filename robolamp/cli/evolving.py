@@ -9,40 +9,52 @@ from typing import Self
 from rich.console import Console, Group
 from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
+from rich.text import Text
 
 from robolamp.evolve.progress import Generation
 
 _ROWS = 12  # of the table
-_COLUMNS = (
-    "stage",
-    "generation",
-    "best",
-    "at full style",
-    "hits",
-    "falls",
-    "flight",
-    "nodes",
-    "physics",
-    "not simulated",
-)
+_COLUMNS = {  # and their widths: with a space between them they fit into 80 characters
+    "stage": 9,
+    "generation": 10,
+    "best": 8,
+    "champion": 8,
+    "hits": 7,
+    "falls": 5,
+    "flight": 6,
+    "nodes": 5,
+    "physics": 7,
+    "saved": 5,
+}
+_KEY = """\
+Fitness: lower is better, 0 is perfect. best: of the generation; champion: of
+the run so far, at full style. saved: trials that needed no simulation."""
+_HUGE = 1e4  # fitness from which on the places behind the point say nothing
 
 
 def _row(entry: Generation) -> tuple[str, ...]:
     trials = entry.tried + entry.cached + entry.inherited + entry.stopped
-    saved = f"{(trials - entry.tried) / max(trials, 1):.0%}"
     return (
         entry.stage,
         str(entry.generation),
-        f"{entry.best_fitness:.3f}",
-        f"{entry.champion_fitness:.3f}",
+        _fitness(entry.best_fitness),
+        _fitness(entry.champion_fitness),
         f"{entry.hits}/{entry.cases}",
         str(entry.falls),
         f"{entry.flight_share:.2f}",
         str(entry.nodes),
         f"{entry.physics_s / max(entry.wall_s, 1e-9):.0%}",
-        f"{saved} ({entry.cached:,} cached, {entry.inherited:,} inherited, {entry.stopped:,} stopped)",
+        f"{(trials - entry.tried) / max(trials, 1):.0%}",
     )
+
+
+def _fitness(value: float) -> str:
+    return f"{value:.3f}" if abs(value) < _HUGE else f"{value:.1e}"
+
+
+def _line(cells: Sequence[str]) -> str:
+    first, *others = zip(cells, _COLUMNS.values(), strict=True)
+    return " ".join([f"{first[0]:<{first[1]}}", *(f"{cell:>{width}}" for cell, width in others)])
 
 
 class Board:
@@ -87,16 +99,12 @@ class Board:
         """Add a generation."""
         if self._live is None:
             if not self._told:
-                self._console.print("  ".join(_COLUMNS), soft_wrap=True)
+                self._console.print(f"{_KEY}\n{_line(tuple(_COLUMNS))}", markup=False, soft_wrap=True)
             self._told = True
-            self._console.print("  ".join(_row(entry)), markup=False, soft_wrap=True)
+            self._console.print(_line(_row(entry)), markup=False, soft_wrap=True)
         self._entries.append(entry)
         self._progress.advance(self._bar)
 
     def _drawn(self) -> Group:
-        table = Table(box=None, pad_edge=False)
-        for name in _COLUMNS:
-            table.add_column(name, justify="left" if name in ("stage", "not simulated") else "right")
-        for entry in self._entries[-_ROWS:]:
-            table.add_row(*_row(entry))
-        return Group(table, self._progress)
+        rows = "\n".join(_line(_row(entry)) for entry in self._entries[-_ROWS:])
+        return Group(Text(_KEY, style="dim"), Text(_line(tuple(_COLUMNS)), style="bold"), Text(rows), self._progress)

@@ -65,11 +65,13 @@ def export(
     """
     from robolamp.log.reader import prefix_in, run_of
     from robolamp.log.stream import read_contents
+    from robolamp.log.table import check_format
     from robolamp.log.table import export as write_table
 
+    table = output or log.with_suffix(".csv")
+    check_format(table)
     contents = read_contents(_file(log))
     run = run_of(contents, prefix_in(contents))
-    table = output or log.with_suffix(".csv")
     columns = write_table(run, table)
     if as_json:
         print_json({"table": table, "rows": run.index.size, "columns": columns, "truncated": run.truncated})

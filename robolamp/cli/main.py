@@ -19,7 +19,9 @@ app = App(
     help="A desk lamp that hops: evolve a controller on its MuJoCo twin, run it over serial, compare the two.",
     help_format="plaintext",
     result_action="return_value",
+    suppress_keyboard_interrupt=False,  # which signal it was is known here
 )
+_INTERRUPTED = 130  # 128 + SIGINT
 _BROKEN_PIPE = 141  # 128 + SIGPIPE, as a shell has it
 # Import strings: a verb's libraries (mujoco, numba) are loaded when the verb is called, not for --help.
 _VERBS = {
@@ -91,8 +93,8 @@ def main(arguments: list[str] | None = None) -> None:
         code = _fail(str(error).strip().replace("\n", " "), "command line", as_json)
     except RobolampError as error:
         code = _fail(error.message, error.where, as_json)
-    except KeyboardInterrupt:
-        code = 130
+    except KeyboardInterrupt as interrupt:
+        code = interrupt.args[0] if interrupt.args else _INTERRUPTED
     except BrokenPipeError:  # nobody reads any more, as behind `| head`
         code = _BROKEN_PIPE
     except SystemExit as end:  # rich ends the process over a broken pipe, with the code of a run that went wrong
@@ -137,4 +139,3 @@ def _fail(message: str, where: str, as_json: bool) -> int:
     with contextlib.suppress(OSError, ValueError):  # closed, too: then there is nobody to tell
         print(f"robolamp: {where + ': ' if where else ''}{message}", file=sys.stderr, flush=True)
     return 2
-

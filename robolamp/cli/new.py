@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
+import secrets
 import shutil
-import tempfile
 from pathlib import Path
 from typing import Annotated
 
@@ -67,19 +66,16 @@ def new(
             raise FileError("is a file; expected a folder that does not exist yet", str(directory))
         files = _files(assets)
         directory.parent.mkdir(parents=True, exist_ok=True)
-        # Whole or not at all: made beside it, then renamed.
-        beside = Path(tempfile.mkdtemp(prefix=f".{directory.name}.", dir=directory.parent))
     except OSError as error:
         raise FileError(f"cannot be made: {error.strerror}", str(directory)) from None
+    beside = directory.parent / f".robolamp-{secrets.token_hex(6)}"  # whole or not at all: renamed when it is done
     try:
+        beside.mkdir()
         for relative in files:
             (beside / relative).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(assets.path(relative), beside / relative)
         rows = "\n".join(f"| `{relative}` | {what} |" for relative, what in files.items())
         (beside / "README.md").write_text(_README.format(name=directory.name, rows=rows), encoding="utf-8")
-        mask = os.umask(0)
-        os.umask(mask)
-        beside.chmod(0o777 & ~mask)  # mkdtemp's own is for its owner alone
         beside.rename(directory)
     except OSError as error:
         raise FileError(f"cannot be made: {error.strerror}", str(directory)) from None

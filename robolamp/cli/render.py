@@ -21,9 +21,10 @@ from robolamp.twin.arena import FigureFleet
 from robolamp.twin.figure import FigureTwin
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.model import Pole, TwinModel, build
+from robolamp.twin.moments import caption, moments
 from robolamp.twin.playback import play, play_figure
 from robolamp.twin.render import animation, beside, png, strips
-from robolamp.twin.video import gif, mp4
+from robolamp.twin.video import encoders, gif, mp4
 
 Array = NDArray[np.float64]
 
@@ -76,6 +77,8 @@ def render(
     """
     if suffix_of(output) not in (".png", *_ANIMATIONS):
         raise RobolampError(f"{output.name!r} does not end in .png, .gif or .mp4", "--output")
+    if suffix_of(output) == ".mp4":
+        encoders()  # before the work of drawing
     setup = Setup.of(lamp, calibration)
     limbo = pole_of(pole, pole_at)
     lamp_alone = {
@@ -100,8 +103,10 @@ def render(
     time, motions = time[shown] - time[shown][0], {name: poses[shown] for name, poses in motions.items()}
     travel = _travel(next(iter(motions.values())), stage is not None)
     if suffix_of(output) == ".png":
-        picked = np.linspace(0, len(time) - 1, _POSES).round().astype(int)
-        labels = [f"{time[i]:.2f} s   {100 * travel[i]:.1f} cm" for i in picked]
+        first = next(iter(motions.values()))
+        chosen = moments(model, time, lambda index: first[index], _POSES)
+        picked = [moment.at for moment in chosen]
+        labels = [caption(time[at], name, travel[at]) for at, name in chosen]
         drawn = {name: poses[picked] for name, poses in motions.items()}
         data = png(strips(model, drawn, labels, opengl=opengl, point=point))
     else:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import http.server
 import sys
 import webbrowser
 from pathlib import Path
@@ -14,8 +13,7 @@ from robolamp.cli.options import Setup
 from robolamp.cli.output import print_json
 from robolamp.errors import FileError, RobolampError
 from robolamp.files import write_atomic
-
-_HOST = "127.0.0.1"  # this computer alone
+from robolamp.player.server import PageServer
 
 
 def replay(
@@ -45,7 +43,7 @@ def replay(
     """
     if not 0 <= port <= 65535:
         raise RobolampError(f"{port} is no port; expected 0 to 65535", "--port")
-    html = _page(log, truth, Setup.of(lamp, calibration)).encode()
+    html = _page(log, truth, Setup.of(lamp, calibration)).encode(errors="replace")  # no text: file names
     if output is not None:
         write_atomic(output, html)
         if as_json:
@@ -54,16 +52,15 @@ def replay(
             print(output)
         return 0
     try:
-        server = http.server.ThreadingHTTPServer((_HOST, port), _handler(html))
+        server = PageServer(html, port)
     except OSError as error:
         raise RobolampError(f"port {port} cannot be used: {error.strerror or error}", "--port") from None
     with server:
-        url = f"http://{_HOST}:{server.server_address[1]}/"
         if as_json:
-            print_json({"url": url})
+            print_json({"url": server.url})
         else:
-            print(f"{url}   (Ctrl-C ends it)", flush=True)
-        if browse and not webbrowser.open(url):
+            print(f"{server.url}   (Ctrl-C ends it)", flush=True)
+        if browse and not webbrowser.open(server.url):
             print("robolamp: no browser here; open the address in one", file=sys.stderr)
         server.serve_forever()
     return 0
@@ -83,22 +80,3 @@ def _page(path: Path, truth_path: Path | None, setup: Setup) -> str:
     run = run_of(contents, prefix_in(contents))
     truth = truth_of(run, truth_path)
     return page(playback_of(run, drive_twin(run, setup.lamp, setup.calibration, setup.assets), truth))
-
-
-def _handler(html: bytes) -> type[http.server.BaseHTTPRequestHandler]:
-    class Handler(http.server.BaseHTTPRequestHandler):
-        """Serves the one page."""
-
-        def do_GET(self) -> None:
-            found = self.path == "/"
-            body = html if found else b"There is one page only: /\n"
-            self.send_response(200 if found else 404)
-            self.send_header("Content-Type", "text/html; charset=utf-8" if found else "text/plain; charset=utf-8")
-            self.send_header("Content-Length", str(len(body)))
-            self.end_headers()
-            self.wfile.write(body)
-
-        def log_message(self, format: str, *args: object) -> None:
-            """Say nothing: the terminal is the person's."""
-
-    return Handler

@@ -118,13 +118,14 @@ def _panels(comparison: Comparison) -> dict[str, Any]:
     goal = comparison.run.goal_m * 100
     panels["travel"] = {
         "lines": lines, "unit": "cm", "digits": 1, "height": 170, "level": goal if math.isfinite(goal) else None,
+        "levelled": "goal", "says": f"goal {goal:.1f} cm",
     }  # fmt: skip
     panels["volts"] = {
         "lines": [{"name": "volts", "label": "supply", "colour": "lamp"}], "unit": "V", "digits": 1, "height": 110,
     }  # fmt: skip
     panels["period"] = {
         "lines": [{"name": "period", "label": "tick", "colour": "lamp"}], "unit": "ms", "digits": 2, "height": 110,
-        "level": comparison.run.control_period * 1e3,
+        "level": comparison.run.control_period * 1e3, "levelled": "faint", "says": "control period",
     }  # fmt: skip
     for panel in panels.values():
         panel["least"] = _LEAST[panel["unit"]]

@@ -87,6 +87,9 @@ def _charts(run: Run, replay: Replay, truth: Truth | None, zero: float) -> list[
         at = run.at(truth.log_time) - zero
         known = (at >= 0.0) & (at <= run.write_done[-1] - zero)
         travel.append(Series("lamp", at[known], truth.base_x[known] * 100))
+    if math.isfinite(run.goal_m):
+        whole, begun = np.array([0.0, run.write_done[-1] - zero]), travel[-1].values[:1]
+        travel.insert(0, Series("goal", whole, np.full(2, run.goal_m * 100) + (begun if begun.size else 0.0)))
     charts.append(Chart("travel", "cm", travel))
     return charts
 

@@ -9,7 +9,7 @@ import itertools
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 
 import numpy as np
@@ -22,13 +22,15 @@ from robolamp.compare.course import BANDS
 from robolamp.compare.figures import moving, page_data
 from robolamp.compare.flights import Flight
 from robolamp.compare.side import Base, origin
-from robolamp.compare.svg import LAMP, TWIN
 from robolamp.compare.task import DONE, NOT_DONE
 from robolamp.compare.task import cm as _cm
 from robolamp.compare.verdict import CANNOT_SAY, INSIDE
 from robolamp.files import write_atomic
+from robolamp.palette import css
+from robolamp.twin.moments import caption, moments
 from robolamp.twin.render import Picture, qpos_of, strip
 
+_SAMPLE = 0.004  # time between the poses among which those of the strips are found [s]
 _FRAMES = 7
 _UNIT = re.compile(r"(\d) (cm|mrad|ms|s|N|V|%|ppm|Ohm)(?![\w])")  # a number is not torn from its unit at a line's end
 _ARTICLE = {"twin": "a twin in virtual time", "emulator": "an emulated lamp", "lamp": "a physical lamp"}
@@ -74,7 +76,6 @@ def document(title: str, body: str, data: str, style: str = "") -> str:
     """
     shelf = files("robolamp.compare").joinpath("page")
     parts = {name: shelf.joinpath(name).read_text(encoding="utf-8") for name in _PARTS}
-    colours = f":root {{ --twin: {TWIN}; --lamp: {LAMP}; }}"
     scripts = (
         f'<script id="data" type="application/json">{data}</script>\n<script>{parts["uPlot.iife.min.js"]}</script>\n'
         f"<script>\n{parts['report.js']}</script>\n"
@@ -82,7 +83,7 @@ def document(title: str, body: str, data: str, style: str = "") -> str:
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{text(title)}</title>\n<style>\n{parts['uPlot.min.css']}\n{parts['report.css']}{style}{colours}\n</style>\n"
+        f"<title>{text(title)}</title>\n<style>\n{css()}{parts['uPlot.min.css']}\n{parts['report.css']}{style}\n</style>\n"
         f"</head>\n<body>\n<main>\n{body}\n</main>\n{scripts if data else ''}</body>\n</html>\n"
     )
 
@@ -206,13 +207,11 @@ def _diagnosis(comparison: Comparison) -> str:
 
 
 def _motion(comparison: Comparison) -> str:
-    run = comparison.run
-    moments = np.linspace(*moving(run), _FRAMES) - origin(run)
-    pictures = ""
+    shown, pictures = _shown(comparison), ""
     for who, side in (("twin", comparison.other), ("lamp", comparison.lamp)):
-        if side.base is not None:
-            caption = f"The {side.name}" + (", as it truly moved" if who == "lamp" else "")
-            pictures += _figure(_poses(comparison, side.base, moments), who, caption)
+        if side.base is not None and shown:
+            title = f"The {side.name}" + (", as it truly moved" if who == "lamp" else "")
+            pictures += _figure(_strip(comparison, side.base, shown), who, title)
     borrowed = "" if comparison.lamp.base else " Nothing measures where the lamp's base is: it is drawn on the twin's."
     return (
         "<section><h2>The motion</h2><p class='note'>At half speed; or move over any plot below."
@@ -223,12 +222,27 @@ def _motion(comparison: Comparison) -> str:
     )
 
 
-def _poses(comparison: Comparison, base: Base, moments: np.ndarray) -> Picture:
+def _shown(comparison: Comparison) -> dict[float, str]:
+    """Return when the strips show the lamps [s], and what moments those are: the lamp's, or who knows its base."""
+    begin, end = moving(comparison.run)
+    time = np.arange(begin, end, _SAMPLE) - origin(comparison.run)
+    base = comparison.lamp.base or comparison.other.base
+    if base is None or time.size < 2:
+        return {}
+    poses = _poses(comparison, base, time)
+    return {float(time[at]): name for at, name in moments(comparison.twin, time, lambda at: poses[at], _FRAMES)}
+
+
+def _strip(comparison: Comparison, base: Base, shown: Mapping[float, str]) -> Picture:
+    poses = _poses(comparison, base, np.array(list(shown)))
+    labels = [caption(when, name, pose[0]) for (when, name), pose in zip(shown.items(), poses, strict=True)]
+    return strip(comparison.twin, poses, labels)
+
+
+def _poses(comparison: Comparison, base: Base, time: np.ndarray) -> np.ndarray:
     tracks = [base.x, base.z, base.pitch, *base.angle.T]
-    poses = np.array([np.interp(moments, base.time, track) for track in tracks]).T
-    labels = [f"{moment:.2f} s   {_cm(pose[0])}" for moment, pose in zip(moments, poses, strict=True)]
-    qpos = np.array([qpos_of(comparison.twin, pose[:3].tolist(), pose[3:]) for pose in poses])
-    return strip(comparison.twin, qpos, labels)
+    poses = np.array([np.interp(time, base.time, track) for track in tracks]).T
+    return np.array([qpos_of(comparison.twin, pose[:3].tolist(), pose[3:]) for pose in poses])
 
 
 def _figure(picture: Picture, who: str, caption: str) -> str:

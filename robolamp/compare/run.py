@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import time
 from collections.abc import Mapping
@@ -31,6 +30,7 @@ from robolamp.compare.task import task_of
 from robolamp.compare.tolerances import Tolerances, load_tolerances
 from robolamp.compare.verdict import verdict_of
 from robolamp.errors import FileError
+from robolamp.files import partial
 from robolamp.lamp import Lamp, load_lamp
 from robolamp.log.reader import Run, Truth, read_run, read_truth
 from robolamp.log.schemas import TWIN_PREFIX
@@ -286,14 +286,9 @@ def _write_twin_log(comparison: Comparison, path: Path) -> None:
     }
     # The log's own clock, read now: lamp and twin overlay in any viewer without matching of clocks.
     now = float(run.write_done[0]) + (time.time_ns() - int(run.log_time[0])) * 1e-9
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        with LogWriter(partial, context=context, joints=run.joints, now=now, lossless=True) as log:
+    with partial(path) as temporary:
+        with LogWriter(temporary, context=context, joints=run.joints, now=now, lossless=True) as log:
             for tick in comparison.replay.ticks:
                 log.tick(tick, prefix=TWIN_PREFIX)
         if log.error:
             raise FileError(f"cannot be written: {log.error}", str(path))
-        partial.replace(path)
-    finally:
-        with contextlib.suppress(OSError):
-            partial.unlink()

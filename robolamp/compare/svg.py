@@ -1,4 +1,4 @@
-"""Plots as SVG that takes its ink from the page it stands in: readable on light and on dark."""
+"""Plots as SVG that takes its colours from the page it stands in: readable on light and on dark."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-TWIN, LAMP = "#3a86c8", "#e0782a"
-"""Colours of what the twin does and of what the lamp does, everywhere."""
-INK, FAINT = "#010203", "#010204"
-"""Stand-ins, replaced by the page's own ink."""
+from robolamp.palette import dressed, stand_in
+
+TWIN, LAMP, GOAL, INK, FAINT = map(stand_in, ("twin", "lamp", "goal", "ink", "faint"))
+"""Stand-ins, replaced by the page's own colours."""
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none", "svg.hashsalt": "robolamp", "font.family": "sans-serif", "font.size": 9.5,
     "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": FAINT, "axes.labelcolor": INK,
@@ -35,5 +35,4 @@ def svg(figure: Figure, title: str) -> str:
     text = text[text.index("<svg") :]
     text = re.sub(r' width="[\d.]+pt"| height="[\d.]+pt"', "", text, count=2)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    text = text.replace(INK, "var(--ink)").replace(FAINT, "var(--faint)")
-    return text.replace("<svg", f'<svg role="img" aria-label="{title}"', 1)
+    return dressed(text).replace("<svg", f'<svg role="img" aria-label="{title}"', 1)

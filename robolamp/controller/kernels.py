@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from robolamp.jit import njit
 from numpy.typing import NDArray
 
 from robolamp.controller.primitives import OPCODES
+from robolamp.jit import njit
 
 _CONSTANT = len(OPCODES)
 _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _IF = (OPCODES[name] for name in ("+", "-", "*", "%", "ifltz"))

@@ -16,6 +16,7 @@ from robolamp.evolve.claims import ARRIVES
 from robolamp.evolve.study import Study
 from robolamp.evolve.study_goals import WITHIN, Tried
 from robolamp.evolve.study_runs import Curve
+from robolamp.palette import ROLES
 
 _STYLE: dict[Any, Any] = {
     "font.size": 11,
@@ -29,7 +30,7 @@ _STYLE: dict[Any, Any] = {
 }
 _SIZE, _DPI = (12.0, 5.2), 100  # 1200 x 520 pixels
 _GOOD = 0.5  # "raw fitness values below 0.5 tended to correspond to good-looking motion" (section 4)
-_ODD = "#d1495b"  # for the one point that is of another kind
+_ODD = ROLES["bad"].light  # for the one point that is of another kind
 _FAR = 20  # runs that are so many times as long as others would press those against the edge
 _LAST = 0.88  # viridis beyond it is too pale on white
 

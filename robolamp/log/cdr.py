@@ -161,7 +161,7 @@ def _pad(out: bytearray, size: int) -> None:
 
 def _put_string(out: bytearray, text: str) -> None:
     _pad(out, 4)
-    data = text.encode()
+    data = text.encode(errors="replace")
     out += _LENGTH.pack(len(data) + 1) + data + b"\x00"
 
 

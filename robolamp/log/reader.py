@@ -7,12 +7,12 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.errors import FileError
+from robolamp.errors import FileError, RobolampError
 from robolamp.log.cdr import Rows
 from robolamp.log.schemas import (
     ANSWER_WIRE,
@@ -28,6 +28,9 @@ from robolamp.log.schemas import (
 )
 from robolamp.log.stream import Contents, read_contents
 
+if TYPE_CHECKING:
+    import pandas
+
 Array = NDArray[np.float64]
 
 STEP = 0.1
@@ -37,7 +40,7 @@ slews what is less than 0.128 s (ntpd(8), "step threshold") at 500 ppm at most, 
 _GRID = 0.001  # control periods by which a tick may be off its schedule's grid by rounding
 
 
-@dataclass
+@dataclass(repr=False)
 class Run:
     """A run of N ticks of a lamp with n joints. Times are on the run's own clock [s]; a missing value is NaN.
 
@@ -106,6 +109,32 @@ class Run:
     interventions: NDArray[np.int64]
     faults: list[tuple[str, ...]]
     events: list[tuple[int, str, str]]
+
+    def __repr__(self) -> str:
+        ticks = f"{self.index.size} tick{'' if self.index.size == 1 else 's'}"
+        lasts = float(self.write_done[-1] - self.began[0]) if self.index.size else 0.0
+        said = [f"{self.context.get('backend', 'unknown backend')}, {ticks} in {lasts:.1f} s", ", ".join(self.joints)]
+        if name := self.context.get("controller_name"):
+            said.insert(1, name if math.isnan(self.goal_m) else f"{name} to {self.goal_m:g} m")
+        if self.truncated:
+            said.append("ends early")
+        return f"<Run {str(self.path)!r}: {'; '.join(said)}>"
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return the run as a table, a row a tick (`robolamp.log.table.columns_of`), its context in `attrs`.
+
+        Raises:
+            RobolampError: pandas is not installed.
+        """
+        from robolamp.log.table import columns_of  # noqa: PLC0415 (which reads runs, too)
+
+        try:
+            import pandas  # noqa: PLC0415 (nothing else of robolamp needs it)
+        except ImportError:
+            raise RobolampError("needs pandas: pip install pandas", "to_pandas") from None
+        table = pandas.DataFrame(columns_of(self))
+        table.attrs = dict(self.context)
+        return table
 
     @property
     def terminals(self) -> tuple[str, ...]:

@@ -50,6 +50,25 @@ def columns_of(run: Run) -> dict[str, NDArray[Any]]:
     return columns
 
 
+def check_format(out: Path | str) -> None:
+    """Refuse a file that a table cannot be written as, before the work of reading a log.
+
+    Raises:
+        FileError: The name ends otherwise than in .csv or .parquet, or the extra `parquet` is missing.
+    """
+    path = Path(out)
+    if suffix_of(path) not in _FORMATS:
+        raise FileError(f"{path.suffix or 'no ending'!r} is no format of tables; expected .csv or .parquet", str(path))
+    if suffix_of(path) == ".parquet":
+        try:
+            import arro3.core  # noqa: PLC0415 (the extra `parquet`)
+            import arro3.io  # noqa: F401, PLC0415
+        except ImportError:
+            raise FileError(
+                "needs the extra `parquet`: pip install 'robolamp[parquet]'; or write .csv", str(path)
+            ) from None
+
+
 def export(run: Run, out: Path | str) -> list[str]:
     """Write a run as a table, a row a tick.
 
@@ -63,16 +82,13 @@ def export(run: Run, out: Path | str) -> list[str]:
     Raises:
         FileError: The name ends otherwise, the extra `parquet` is missing, or the file cannot be written.
     """
-    path = Path(out)
-    write = _FORMATS.get(suffix_of(path))
-    if write is None:
-        raise FileError(f"{path.suffix or 'no ending'!r} is no format of tables; expected .csv or .parquet", str(path))
-    columns = columns_of(run)
-    write_atomic(path, write(columns, run.context, path))
+    check_format(out)
+    path, columns = Path(out), columns_of(run)
+    write_atomic(path, _FORMATS[suffix_of(path)](columns, run.context))
     return list(columns)
 
 
-def _csv(columns: Mapping[str, NDArray[Any]], context: Mapping[str, str], path: Path) -> bytes:
+def _csv(columns: Mapping[str, NDArray[Any]], context: Mapping[str, str]) -> bytes:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(columns)
@@ -88,14 +104,10 @@ def _cells(column: NDArray[Any]) -> list[Any]:
     return column.tolist()
 
 
-def _parquet(columns: Mapping[str, NDArray[Any]], context: Mapping[str, str], path: Path) -> bytes:
-    try:
-        from arro3.core import Array, DataType, Table  # noqa: PLC0415 (the extra `parquet`)
-        from arro3.io import write_parquet  # noqa: PLC0415
-    except ImportError:
-        raise FileError(
-            "needs the extra `parquet`: pip install 'robolamp[parquet]'; or write .csv", str(path)
-        ) from None
+def _parquet(columns: Mapping[str, NDArray[Any]], context: Mapping[str, str]) -> bytes:
+    from arro3.core import Array, DataType, Table  # noqa: PLC0415 (the extra `parquet`)
+    from arro3.io import write_parquet  # noqa: PLC0415
+
     arrays = [
         Array(column.tolist(), DataType.string()) if column.dtype.kind == "U"
         else Array.from_numpy(np.ascontiguousarray(column))
@@ -108,7 +120,7 @@ def _parquet(columns: Mapping[str, NDArray[Any]], context: Mapping[str, str], pa
     return stream.getvalue()
 
 
-_FORMATS: dict[str, Callable[[Mapping[str, NDArray[Any]], Mapping[str, str], Path], bytes]] = {
+_FORMATS: dict[str, Callable[[Mapping[str, NDArray[Any]], Mapping[str, str]], bytes]] = {
     ".csv": _csv,
     ".parquet": _parquet,
 }

@@ -19,6 +19,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import MCAP0_MAGIC, Writer
 
 from robolamp.errors import FileError
+from robolamp.files import open_new
 from robolamp.log.cdr import Encoder
 from robolamp.log.schemas import DEFINITIONS, EVENT, JOINT_STATE, LAMP_PREFIX, METADATA, TICK, joint_state, tick_message
 from robolamp.signals import Tick
@@ -61,7 +62,7 @@ class LogWriter:
     an event that says why, as a whole MCAP file.
 
     Args:
-        path: The file; missing folders are made, an existing file is replaced.
+        path: The file; missing folders are made, a file or link that is there is replaced.
         context: The run's context, kept as the metadata record "robolamp" (see `robolamp.log.context`).
         joints: Joint names, n of them.
         now: The clock of the message times, read at this moment [s]: for a virtual clock. None: times are on
@@ -101,14 +102,15 @@ class LogWriter:
         self._closed = False
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = self.path.open("wb", buffering=0)
+            self._file = os.fdopen(open_new(self.path), "wb", buffering=0)
             self._stream = io.BufferedWriter(self._file)
         except OSError as error:
             raise FileError(f"cannot be written: {error.strerror or error}", str(self.path)) from None
         try:
             self._writer = Writer(self._stream)
             self._writer.start("ros2", "robolamp")
-            self._writer.add_metadata(METADATA, {**context, "epoch_offset_ns": str(self._offset)})
+            known = {key: value.encode(errors="replace").decode() for key, value in context.items()}  # file names
+            self._writer.add_metadata(METADATA, {**known, "epoch_offset_ns": str(self._offset)})
             self._encoders: dict[str, tuple[int, Encoder]] = {}  # with the schema's id
             self._channels: dict[str, int] = {}
             self._told = 0  # of the dropped entries

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robolamp.palette import css
 from robolamp.player.scene import Scene
 
 Array = NDArray[np.float64]
@@ -106,7 +107,7 @@ def page(playback: Playback) -> str:
     return Template((here / "player.html").read_text(encoding="utf-8")).substitute(
         title=html.escape(playback.title),
         subtitle=html.escape(playback.subtitle),
-        style=(here / "player.css").read_text(encoding="utf-8"),
+        style=css() + (here / "player.css").read_text(encoding="utf-8"),
         script="\n".join(scripts),
         data=data,
     )

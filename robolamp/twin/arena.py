@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 from mujoco.batch import Batch
-from robolamp.jit import njit
 from numpy.typing import NDArray
 
 from robolamp.controller.kernels import bound_lanes, run_lanes
 from robolamp.controller.program import Program, ProgramSet
 from robolamp.errors import RobolampError
+from robolamp.jit import njit
 from robolamp.twin.figure import FigureTwin
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.lanes import deal

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 from mujoco.batch import MODEL_FIELDS, Batch
-from robolamp.jit import njit
 from numpy.typing import NDArray
 
 from robolamp.controller.hops import SignalLimits
@@ -22,6 +21,7 @@ from robolamp.controller.kernels import bound_lanes, run_lanes
 from robolamp.controller.program import Program, ProgramSet
 from robolamp.controller.terminals import TWIN_ONLY, Signals
 from robolamp.errors import RobolampError
+from robolamp.jit import njit
 from robolamp.twin.body import Body
 from robolamp.twin.judge import Judge, Outcome
 from robolamp.twin.lanes import deal

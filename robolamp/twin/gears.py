@@ -23,8 +23,9 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from robolamp.jit import njit
 from numpy.typing import NDArray
+
+from robolamp.jit import njit
 
 Array = NDArray[np.float64]
 

@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from robolamp.jit import njit
 from numpy.typing import NDArray
 
 from robolamp.controller.hops import shortest_flight
+from robolamp.jit import njit
 from robolamp.twin.lanes import Lanes
 from robolamp.twin.model import TwinModel
 from robolamp.twin.trace import Trace

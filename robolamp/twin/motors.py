@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from robolamp.jit import njit
 from numpy.typing import NDArray
 
 from robolamp.calibration import SERVO
+from robolamp.jit import njit
 from robolamp.twin.gears import regulate
 from robolamp.twin.model import TwinModel
 from robolamp.twin.servo import friction_loss, weaken

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from robolamp.palette import rgb
 from robolamp.twin.figure import FigureTwin
 from robolamp.twin.model import TwinModel
 
@@ -19,7 +20,10 @@ Picture = NDArray[np.uint8]
 """An RGB picture, shape (height, width, 3)."""
 
 _INK, _PAPER, _DESK = (40, 42, 46), (244, 245, 247), (214, 204, 190)
-_POLE, _POST = (217, 64, 51), (89, 92, 97)
+_POLE, _POST = rgb("bad"), (89, 92, 97)
+_GOAL = rgb("goal")
+_FONT = 17  # pixels: a strip of seven is shown at half its size in a report
+_WIDER = 1.2  # than the scene's camera for strips sees, so that a lamp stretched to take off is in the picture whole
 _SUPERSAMPLE = 3  # the side view is drawn larger and shrunk, which smooths its edges
 
 
@@ -106,6 +110,8 @@ class Camera:
             self._data.cam_xpos[view.fixedcamid, axes] += qpos[axes]
         options = mujoco.MjvOption()
         mujoco.mjv_updateScene(self._model, self._data, options, None, view, mujoco.mjtCatBit.mjCAT_ALL, self._scene)
+        for eye in self._scene.camera if camera == "strip" else ():
+            eye.frustum_bottom, eye.frustum_top = _WIDER * eye.frustum_bottom, _WIDER * eye.frustum_top
         if self._point is not None:
             self._mark(*self._point)
         self._gl.make_current()
@@ -118,7 +124,7 @@ class Camera:
         """Add a flat disc to the scene."""
         geom = self._scene.geoms[self._scene.ngeom]
         size, place = np.array([0.05, 0.05, 0.0015]), np.array([x, y, 0.0015])
-        colour = np.array([0.85, 0.25, 0.20, 1.0], np.float32)
+        colour = np.array([*(part / 255 for part in _GOAL), 1.0], np.float32)
         mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_CYLINDER, size, place, np.eye(3).ravel(), colour)
         self._scene.ngeom += 1
 
@@ -146,7 +152,7 @@ def side_view(twin: TwinModel, qpos: NDArray[np.float64], width: int, height: in
     model, data = twin.model, mujoco.MjData(twin.model)
     data.qpos[:] = qpos
     mujoco.mj_forward(model, data)
-    scale = height * _SUPERSAMPLE / 0.36  # the lamp is 0.26 m tall
+    scale = height * _SUPERSAMPLE / 0.40  # the lamp is 0.26 m tall, 0.34 m as it takes off
     size = (width * _SUPERSAMPLE, height * _SUPERSAMPLE)
     floor = size[1] * 0.86
 
@@ -219,7 +225,7 @@ def outline(
 
     if point is not None:
         (x, y), _ = pixels(np.array([[*point, 0.0]] * 2))
-        draw.ellipse((x - 0.02 * scale, y, x + 0.02 * scale, y + 0.02 * scale), fill=_POLE)
+        draw.ellipse((x - 0.02 * scale, y, x + 0.02 * scale, y + 0.02 * scale), fill=_GOAL)
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     solid = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] and model.geom_contype[geom]]
     for geom in sorted(solid, key=lambda geom: -data.geom_xpos[geom, 1]):
@@ -337,7 +343,7 @@ def strips(
     size = (len(labels) * (width + gap) - gap, len(motions) * (height + gap) - gap + foot)
     sheet = Image.new("RGB", size, (255, 255, 255))
     draw = ImageDraw.Draw(sheet)
-    font = ImageFont.load_default(14)
+    font = ImageFont.load_default(_FONT)
     pictures = iter(_pictures(twin, np.concatenate(list(motions.values())), width, height, opengl, point))
     for row, (name, poses) in enumerate(motions.items()):
         top = row * (height + gap)
@@ -368,7 +374,7 @@ def beside(
     """
     poses = np.stack(list(motions.values()), axis=1)
     pictures = _pictures(twin, poses.reshape(-1, poses.shape[2]), width, height, opengl, None)
-    font = ImageFont.load_default(14)
+    font = ImageFont.load_default(_FONT)
     frames = []
     for first in range(0, len(pictures), len(motions)):
         frame = Image.fromarray(np.concatenate(pictures[first : first + len(motions)], axis=1))

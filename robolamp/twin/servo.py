@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from robolamp.jit import njit
 from numpy.typing import NDArray
 
 from robolamp.calibration import SERVO, Calibration
+from robolamp.jit import njit
 from robolamp.lamp import Lamp
 
 _COUNTS_PER_RADIAN = 4096 / (2 * math.pi)  # e-manual XL330-M288-T, "Present Position": 4096 a turn

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from robolamp.jit import njit
 from numpy.typing import NDArray
 
+from robolamp.jit import njit
 from robolamp.twin.figure import FigureTwin
 from robolamp.twin.lanes import Lanes
 from robolamp.twin.trace import Trace

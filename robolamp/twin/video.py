@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from fractions import Fraction
+from types import ModuleType
 
 import numpy as np
 from PIL import Image
@@ -28,12 +29,8 @@ def gif(pictures: Sequence[Picture], period: float) -> bytes:
     return stream.getvalue()
 
 
-def mp4(pictures: Sequence[Picture], period: float) -> bytes:
-    """Return an MP4 with H.264 video, which browsers, phones and slides play.
-
-    Args:
-        pictures: At least one, all of one size; an odd last row or column is cut off.
-        period: Time between two of them [s].
+def encoders() -> ModuleType:
+    """Return the library that writes videos, PyAV.
 
     Raises:
         RobolampError: The extra `video` is not installed.
@@ -44,6 +41,20 @@ def mp4(pictures: Sequence[Picture], period: float) -> bytes:
         raise RobolampError(
             "MP4 needs the extra `video`: pip install 'robolamp[video]'; or write .gif", "video"
         ) from None
+    return av
+
+
+def mp4(pictures: Sequence[Picture], period: float) -> bytes:
+    """Return an MP4 with H.264 video, which browsers, phones and slides play.
+
+    Args:
+        pictures: At least one, all of one size; an odd last row or column is cut off.
+        period: Time between two of them [s].
+
+    Raises:
+        RobolampError: The extra `video` is not installed.
+    """
+    av = encoders()
     height, width = (side // 2 * 2 for side in pictures[0].shape[:2])  # the colours have half the resolution
     stream = io.BytesIO()
     with av.open(stream, "w", format="mp4") as file:

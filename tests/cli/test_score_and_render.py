@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import av
@@ -163,3 +165,16 @@ def test_what_cannot_be_drawn_is_said_in_one_line(
         assert (code, out, err.count("\n")) == (2, "", 1)
         assert told in err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("library", "words"),
+    [("av", "render none.mcap -o film.mp4"), ("arro3.io", "log export none.mcap -o run.parquet")],
+)
+def test_an_extra_that_is_missing_is_said_before_the_work(tmp_path: Path, library: str, words: str) -> None:
+    code = f"import sys; sys.modules[{library!r}] = None; from robolamp.cli.entry import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words.split()], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert "needs the extra" in done.stderr  # and not that there is no such log

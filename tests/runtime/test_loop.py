@@ -215,7 +215,7 @@ def test_a_period_that_starves_the_watchdog_is_refused() -> None:
 def test_a_bus_too_slow_for_the_period_is_refused() -> None:
     slow, lamp = dataclasses.replace(LAMP, bus_baud=57_600), FakeLamp()
     with pytest.raises(
-        SafetyError, match=r"38\.0 ms on .* bus\.baud = 57600, more than 80% of control_period = 0\.02 s"
+        SafetyError, match=r"38\.3 ms on .* bus\.baud = 57600, more than 80% of control_period = 0\.02 s"
     ):
         run(lamp, Wave(), slow)
     assert lamp.torques == []

@@ -9,7 +9,7 @@
     series[name] = Array.from(new Int16Array(bytes(values)), v => (v === -32768 ? null : low + (v + 32767) * step));
   const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const style = () => ({ ink: css("--ink"), faint: css("--faint"), line: css("--line"),
-                         lamp: css("--lamp"), twin: css("--twin"), goal: css("--faint") });
+                         lamp: css("--lamp"), twin: css("--twin"), goal: css("--goal") });
   const plots = [];
   const digits = (v, n) => (v == null ? "–" : v.toFixed(n).replace("-", "−"));
 
@@ -29,11 +29,16 @@
         ctx.fillStyle = colours.twin; ctx.globalAlpha = 0.10;
         ctx.fillRect(left, y0, width, y1 - y0);
       }
-      ctx.globalAlpha = 0.8; ctx.strokeStyle = colours.faint; ctx.setLineDash([5, 4]); ctx.beginPath();
+      ctx.setLineDash([5, 4]);
       if (panel.level != null) {
-        const y = u.valToPos(panel.level, "y", true);
-        ctx.moveTo(left, y); ctx.lineTo(left + width, y);
+        const y = u.valToPos(panel.level, "y", true), ratio = devicePixelRatio || 1;
+        ctx.globalAlpha = 1; ctx.strokeStyle = ctx.fillStyle = colours[panel.levelled]; ctx.lineWidth = 1.4 * ratio;
+        ctx.beginPath(); ctx.moveTo(left, y); ctx.lineTo(left + width, y); ctx.stroke();
+        const below = y - top < 18 * ratio;  // no room above the line
+        ctx.font = `${12 * ratio}px system-ui, sans-serif`; ctx.textAlign = "left"; ctx.textBaseline = below ? "top" : "bottom";
+        ctx.fillText(panel.says, left + 6 * ratio, y + (below ? 4 : -3) * ratio);
       }
+      ctx.globalAlpha = 0.8; ctx.strokeStyle = colours.faint; ctx.lineWidth = 1; ctx.beginPath();
       if (data.parted != null) {
         const x = u.valToPos(data.parted, "x", true);
         ctx.moveTo(x, top); ctx.lineTo(x, top + height);
@@ -55,6 +60,7 @@
       scales: { x: { time: false }, y: { range: (u, a, b) => {
         if (panel.symmetric) { const m = 1.08 * Math.max(Math.abs(a ?? 0), Math.abs(b ?? 0), panel.symmetric); return [-m, m]; }
         if (a == null) return [0, 1];
+        if (panel.level != null && panel.levelled === "goal") { a = Math.min(a, panel.level); b = Math.max(b, panel.level); }
         const span = Math.max(b - a, panel.least), middle = (a + b) / 2; return [middle - 0.56 * span, middle + 0.56 * span];
       } } },
       axes: [{ ...axis, size: 26, gap: 2 }, { ...axis, size: 56, space: 26 }],

@@ -190,7 +190,7 @@ class Stage {
     gl.disable(gl.BLEND);
     gl.uniform2f(set.middle, this.target[0], 0);
     plain(this.desk, Math.round(this.target[0]), [1, 1, 1], 1);
-    if (this.data.goal !== null) plain(this.line, this.data.goal + this.data.start, [0.66, 0.2, 0.11], 0);
+    if (this.data.goal !== null) plain(this.line, this.data.goal + this.data.start, this.colour("goal"), 0);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
     gl.bindVertexArray(this.lamp);
@@ -213,13 +213,18 @@ class Stage {
     }
   }
 
+  colour(role) {  // the page's, as red, green and blue from 0 to 1
+    const text = getComputedStyle(document.documentElement).getPropertyValue(`--${role}`).trim();
+    return [1, 3, 5].map((at) => parseInt(text.slice(at, at + 2), 16) / 255);
+  }
+
   parts(poses, flat, alpha, ghost = false) {
-    const gl = this.gl, set = this.places;
+    const gl = this.gl, set = this.places, twin = ghost ? this.colour("twin") : null;
     gl.uniform1f(set.flat_, flat);
     gl.uniform1f(set.alpha, alpha);
     for (const [body, first, count, red, green, blue, emission, shine] of this.data.parts) {
       gl.uniformMatrix4fv(set.pose, false, ofPose(poses[body]));
-      gl.uniform3fv(set.color, ghost ? [0.93, 0.58, 0.16] : [red, green, blue]);
+      gl.uniform3fv(set.color, ghost ? twin : [red, green, blue]);
       gl.uniform1f(set.emission, ghost ? 0.25 : emission);
       gl.uniform1f(set.shine, shine);
       gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_SHORT, first * 2);
