@@ -7,6 +7,7 @@ import os
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -105,13 +106,11 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     parameters = folder / "m1.json"
     values = {"kt": 0.3, "R": 3.0, "armature": 0.002, "friction_base": 0.01, "friction_viscous": 0.005}
     parameters.write_text(json.dumps({"model": "m1", "actuator": "xl330", **values}))
-    log = folder / "run" / "log.mcap"
-    subprocess.run(
-        [sys.executable, "-m", "robolamp", "dry-run", "hop", "--goal", "0.1", "--duration", "0.6", "--lockstep",
-         "-o", str(log.parent)], check=False, capture_output=True, timeout=200,
-    )  # fmt: skip
-    assert log.is_file()
-    return {"RECORDING": str(recording), "PARAMETERS": str(parameters), "LOG": str(log)}
+    path = folder / "run.mcap"
+    with LogWriter(path, context={"goal_m": "0.3", "control_period": "0.02"}, joints=JOINTS, now=100.0) as log:
+        for index in range(20):
+            log.tick(make_tick(index))
+    return {"RECORDING": str(recording), "PARAMETERS": str(parameters), "LOG": str(path)}
 
 
 @pytest.fixture(scope="module")
@@ -152,3 +151,59 @@ def test_what_is_no_file_is_named(
     message = in_one_line(told(driver, words_of(ARGUMENTS[argument], thing, tmp_path, sound)))
     assert WORDS[thing] in message, message
     assert not [item for item in tmp_path.rglob("*") if item.is_file() and item.stat().st_size < 1e9]
+
+
+MARK = b"\xef\xbb\xbf"
+
+
+def with_mark(source: Path, target: Path) -> str:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_bytes(MARK + source.read_bytes())
+    return str(target)
+
+
+def test_a_byte_order_mark_is_read_over_in_every_text(
+    tmp_path: Path, sound: dict[str, str], driver: subprocess.Popen[str]
+) -> None:
+    data = shipped()
+    controller = with_mark(data / "sim/lamp/controllers/hop.toml", tmp_path / "c.toml")
+    calibration = with_mark(data / "calibration/nominal.toml", tmp_path / "n.toml")
+    recording, parameters = (with_mark(Path(sound[name]), tmp_path / name) for name in ("RECORDING", "PARAMETERS"))
+    Path(recording).rename(tmp_path / "A.CSV")
+    Path(parameters).rename(tmp_path / "M1.JSON")
+    for name in ("hardware/lamp.toml", "sim/tasks/hop.toml"):
+        with_mark(data / name, tmp_path / "lamp" / name)
+    lamp = str(tmp_path / "lamp")
+    for words in (
+        ["explain", controller, "--calibration", calibration, "--lamp", lamp, "--goals", "0.2", "--duration", "0.5"],
+        ["calibrate", "score", calibration, str(tmp_path / "A.CSV")],
+        ["calibrate", "bam", str(tmp_path / "M1.JSON"), "-o", str(tmp_path / "x.toml")],
+        ["calibrate", "bam", calibration, "-o", str(tmp_path / "X.JSON")],
+    ):
+        said = told(driver, words)
+        assert said["code"] == 0, said
+
+
+@pytest.mark.parametrize("name", ["limbo-22.5cm", "limbo-22.5cm.toml"])
+def test_a_shipped_name_with_a_point_is_found(name: str, driver: subprocess.Popen[str]) -> None:
+    said = told(driver, ["explain", name, "--goals", "0.2", "--duration", "0.5", "--json"])
+    assert said["code"] == 0, said
+
+
+DOTS = "a" + ".a" * 50_000 + " = 1\n"
+
+
+@pytest.mark.parametrize("text", [DOTS, "a = " + "[" * 50_000, "a = " + "{a=" * 50_000], ids=["key", "array", "table"])
+@pytest.mark.parametrize("argument", [name for name, words in ARGUMENTS.items() if name not in ("a model",)])
+def test_toml_nested_without_end_is_refused_at_once(
+    argument: str, text: str, tmp_path: Path, sound: dict[str, str], driver: subprocess.Popen[str]
+) -> None:
+    words = words_of(ARGUMENTS[argument], "pipe", tmp_path, sound)
+    (place,) = [path for path in tmp_path.rglob("*") if path.is_fifo()]
+    place.unlink()
+    place.write_text(text)
+    began = time.monotonic()
+    message = in_one_line(told(driver, words))
+    assert time.monotonic() - began < 15
+    if "log" not in argument and "truth" not in argument and place.suffix == "" and "terms" not in argument:
+        assert "not valid TOML" in message
