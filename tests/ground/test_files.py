@@ -241,7 +241,7 @@ def test_only_regular_files_are_read(tmp_path: Path) -> None:
     for path, words in (
         (tmp_path / "pipe", "is a named pipe; expected a file"),
         (Path("/dev/zero"), "is a device; expected a file"),
-        (tmp_path, "is a folder; expected a file"),
+        (tmp_path, "cannot be read: is a directory; expected a file"),
         (large, "is too large: 6,000 MB, expected 67 MB at most"),
         (tmp_path / "none", "No such file"),
     ):
