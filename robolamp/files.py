@@ -179,6 +179,8 @@ def read_bytes(path: Path, most: int = MOST_TEXT) -> bytes:
     Raises:
         FileError: It is missing, unreadable, not a regular file (which is never opened), or larger than `most`.
     """
+    if kind_of(path) == "a folder":
+        raise FileError("cannot be read: is a directory; expected a file", str(path))
     is_file(path)
     pieces: list[bytes] = []
     total = size = 0

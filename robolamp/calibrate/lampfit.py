@@ -98,7 +98,7 @@ def fit_lamp(
     iterations: int = _ITERATIONS,
     gears: bool = True,
     progress: Callable[[str], None] = lambda text: None,
-    share: Callable[[float], None] = lambda _share: None,
+    done: Callable[[float], None] = lambda _share: None,
 ) -> LampFit:
     """Fit a lamp to a session's recordings.
 
@@ -113,7 +113,7 @@ def fit_lamp(
         gears: Whether to look for play and stiffness, where the base has neither: they are kept where they leave at
             most 95 % of the error on the recordings held out, and raise none of the error on the others.
         progress: Called with a line as it goes on.
-        share: Called with the share that is done, 0 to 1, if every search goes on as long as it may.
+        done: Called with the share that is done, 0 to 1, if every search goes on as long as it may.
 
     Raises:
         RobolampError: The session holds too little to fit a lamp to.
@@ -158,7 +158,7 @@ def fit_lamp(
                 for shot, recording in zip(shots, recordings, strict=True)
             ]
             simulated += len(lanes)
-            share(simulated / expected)
+            done(simulated / expected)
             return found
 
         count = 0

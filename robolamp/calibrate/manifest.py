@@ -9,7 +9,7 @@ from pathlib import Path
 import tomlkit
 
 from robolamp.errors import FileError
-from robolamp.files import Table, read_toml, sha256, write_atomic
+from robolamp.files import Table, is_file, read_toml, sha256, write_atomic
 
 NAME = "manifest.toml"
 """Of the manifest in a session's folder."""
@@ -103,7 +103,7 @@ def load_manifest(folder: Path) -> Manifest | None:
         FileError: It is malformed.
     """
     path = folder / NAME
-    if not path.is_file():
+    if not is_file(path):
         return None
     root = Table(read_toml(path), str(path))
     root.integer("schema", 1, 1)

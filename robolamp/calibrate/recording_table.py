@@ -70,8 +70,8 @@ class RecordingTable:
             return None
         value = float(self.keys[key]) if _NUMBER.fullmatch(self.keys[key]) else math.nan
         if not (0 < value < math.inf or (zero and value == 0)):
-            expected = "0 or a number above" if zero else "a number above 0"
-            raise FileError(f"{key}: {shown(self.keys[key])} is not {expected}", str(self.path))
+            least = "0 or " if zero else ""
+            raise FileError(f"{key}: {shown(self.keys[key])} is not {least}a number above 0", str(self.path))
         return value
 
     def column(self, name: str, default: float) -> Array:

@@ -88,7 +88,7 @@ def fit_session(
             setup.assets,
             gears=not rigid,
             progress=(lambda text: None) if quiet else progress,
-            share=share,
+            done=share,
         )
     write_lamp_file(output, fit, recorded, setup.lamp, setup.calibration)
     judged = verdict(fit)

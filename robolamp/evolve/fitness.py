@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from robolamp.errors import FileError, RobolampError
 from robolamp.figure import LAMP
+from robolamp.files import MOST_TOML, read_text
 from robolamp.twin.judge import Outcome
 from robolamp.twin.verdict import FigureOutcome
 
@@ -171,6 +172,7 @@ def load_terms(path: Path) -> None:
         FileError: The file is missing, fails, or registers nothing.
     """
     before = dict(_TERMS)
+    read_text(path, MOST_TOML)  # refuses what is no file, or would be read without end
     try:
         runpy.run_path(str(path), run_name="robolamp_terms")
     except OSError as error:

@@ -10,7 +10,7 @@ import tomlkit
 
 from robolamp.errors import FileError
 from robolamp.evolve.machine import machine
-from robolamp.files import Table, read_toml, sha256, write_atomic
+from robolamp.files import Table, is_file, read_toml, sha256, write_atomic
 
 NAME = "run.toml"
 """The file's name in a run's folder."""
@@ -39,7 +39,7 @@ def read_record(folder: Path) -> dict[str, Any]:
         FileError: There is none, or it is malformed.
     """
     path = folder / NAME
-    if not path.is_file():
+    if not is_file(path):
         raise FileError("holds no run; expected a folder made by robolamp evolve -o", str(folder))
     root = Table(read_toml(path), str(path))
     root.integer("schema", 1, 1)

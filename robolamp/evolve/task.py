@@ -18,7 +18,7 @@ from robolamp.errors import FileError, RobolampError
 from robolamp.evolve.fitness import NEEDS, terms, terms_of
 from robolamp.evolve.gep_settings import GepSettings, read_gep
 from robolamp.figure import DRIVES, LAMP, POINT, Figure, figures, load_figure
-from robolamp.files import MOST_TOML, Table, parse_toml, read_text
+from robolamp.files import MOST_TOML, Table, parse_toml, read_text, shown
 from robolamp.twin.figure import World
 from robolamp.twin.model import Pole
 from robolamp.twin.poses import KeyPose
@@ -292,18 +292,22 @@ def _settings(table: Table) -> Settings:
     return settings
 
 
+_SHOWN = 80  # characters of what was typed, in a message
+_PARTS = 4  # of a key: more than any key of a task has
+
+
 def _override(document: Any, text: str) -> None:
     """Set one key, given as KEY=VALUE, in a parsed file."""
-    where = f"--set {text}"
+    where = f"--set {text[:_SHOWN]}"
     key, equals, value = text.partition("=")
     try:
         parsed = parse_toml(f"value = {value}", where)["value"] if equals and value.strip() else None
     except FileError:
         parsed = value.strip()  # a text without its quotes, as gp.selection=lexicase
         if not parsed.replace("-", "").replace("_", "").isalnum():
-            raise RobolampError(f"{value!r} is not a TOML value", where) from None
+            raise RobolampError(f"{shown(value)} is not a TOML value", where) from None
     names = key.strip().split(".")
-    if parsed is None or not all(names):
+    if parsed is None or not all(names) or len(names) > _PARTS:
         raise RobolampError("is not KEY=VALUE, as gp.population=100", where)
     table = document
     for name in names[:-1]:

@@ -26,7 +26,7 @@ _CODES = {
     "uint32": "I", "int64": "q", "uint64": "Q", "float32": "f", "float64": "d",
 }  # fmt: skip
 _LENGTH = struct.Struct("<I")
-_MOST_FIELDS = 1000  # of a message: chosen; nested types can name each other so that their number doubles with each
+_MOST_LINES = 1000  # of a definition: chosen; nested types can name each other so that their number doubles with each
 _MOST_VALUES = 50_000_000  # of a sequence over all messages, each as wide as the widest [1]: 400 MB; chosen
 _LINE = re.compile(r"(?P<type>[A-Za-z][\w/]*)(?P<sequence>\[\])? +(?P<name>[a-z]\w*)")
 
@@ -65,24 +65,23 @@ def fields_of(definition: str) -> tuple[Field, ...]:
     for other in others:
         head, _, body = other.partition("\n")
         nested[head.removeprefix("MSG:").strip().rpartition("/")[2]] = body
-    fields = tuple(itertools.islice(_fields(first, nested, ""), _MOST_FIELDS + 1))
-    if len(fields) > _MOST_FIELDS:
-        raise LayoutError(f"message definition: has more than {_MOST_FIELDS} fields")
-    return fields
+    return tuple(_fields(first, nested, "", itertools.count(1)))
 
 
-def _fields(text: str, nested: Mapping[str, str], prefix: str) -> Iterator[Field]:
+def _fields(text: str, nested: Mapping[str, str], prefix: str, lines: Iterator[int]) -> Iterator[Field]:
     for raw in text.splitlines():
         line = raw.partition("#")[0].strip()
         if not line:
             continue
+        if next(lines) > _MOST_LINES:
+            raise LayoutError(f"message definition: has more than {_MOST_LINES} lines, those of nested types each time")
         match = _LINE.fullmatch(line)
         kind = match["type"].rpartition("/")[2] if match else ""
         code = "s" if kind == "string" else _CODES.get(kind)
         if match and code:
             yield Field(prefix + match["name"], code, bool(match["sequence"]))
         elif match and kind in nested and not match["sequence"] and len(prefix) < 100:
-            yield from _fields(nested[kind], nested, f"{prefix}{match['name']}.")
+            yield from _fields(nested[kind], nested, f"{prefix}{match['name']}.", lines)
         else:
             raise LayoutError(f"message definition: {line!r} is not understood")
 

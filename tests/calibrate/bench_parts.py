@@ -68,11 +68,11 @@ def record(
     return Recording(**{**vars(recording), "angle": angle})
 
 
-def write_csv(folder: Path, recording: Recording, name: str) -> Path:
+def write_csv(folder: Path, recording: Recording, name: str, **keys: object) -> Path:
     """Write a recording as the documented table."""
     lines = [f"# {key} = {value}" for key, value in (
         ("servo", recording.servo), ("p_gain", recording.p_gain[0]), ("mass", recording.mass),
-        ("length", recording.length), ("trajectory", recording.trajectory),
+        ("length", recording.length), ("trajectory", recording.trajectory), *keys.items(),
     )]  # fmt: skip
     lines.append("time_s,goal_time_s,goal_rad,angle_rad,voltage_v,temperature_c,torque")
     for row in zip(recording.time, recording.goal_time, recording.goal, recording.angle, recording.voltage,

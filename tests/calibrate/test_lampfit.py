@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import robolamp.calibrate.session as session_module
 from robolamp.calibrate.findings import findings, verdict
 from robolamp.calibrate.floor import flights
 from robolamp.calibrate.lampfile import lamp_file
@@ -18,10 +19,12 @@ from robolamp.calibrate.proof import prove
 from robolamp.calibrate.report import page
 from robolamp.calibrate.session import LampSession, read_session
 from robolamp.calibrate.shown import show_session
-from robolamp.calibrate.whole import simulate
+from robolamp.calibrate.solve import covariance
+from robolamp.calibrate.whole import rescale, simulate
 from robolamp.calibration import Calibration, load_calibration
 from robolamp.controller.hops import shortest_flight
 from robolamp.errors import FileError, RobolampError
+from robolamp.log.reader import Run
 from robolamp.twin.model import build
 from tests.calibrate.sessions import ASSETS, LAMP, NOMINAL, recorded, short, steps
 
@@ -194,3 +197,51 @@ def test_from_end_to_end(tmp_path: Path) -> None:
     assert "The twin predicts this lamp" in done.stdout
     assert (tmp_path / "report.html").stat().st_size > 500_000
     assert load_calibration(ASSETS, tmp_path / "calibration.toml").name == "calibration"
+
+
+def gappy(session: LampSession) -> LampSession:
+    """Return a session in which half the knee's readings are missing."""
+    found = []
+    for recording in session.recordings[:3]:
+        angle, age = recording.run.angle.copy(), recording.run.angle_age.copy()
+        angle[::2, 1] = age[::2, 1] = np.nan
+        found.append(replace(recording, run=replace(recording.run, angle=angle, angle_age=age)))
+    return replace(session, recordings=tuple(found))
+
+
+def test_missing_readings_are_left_out_and_named_and_never_an_error_of_zero(session: LampSession) -> None:
+    holed = gappy(session)
+    told: list[float] = []
+    fit = fit_lamp(holed, LAMP, NOMINAL, ASSETS, names=("coulomb",), iterations=1, gears=False, done=told.append)
+    twin = build(LAMP, NOMINAL, ASSETS, clamped=True)
+    rescale(twin, session.manifest.mass or 0.0)
+    for recording in holed.recordings:
+        error = np.abs(simulate(recording, [twin]).angle[0] - recording.run.angle[recording.rows])
+        assert np.isnan(error[:, 1]).mean() == pytest.approx(0.5, abs=0.02)
+        assert fit.mae[recording.name][0] == pytest.approx(np.nanmean(error), rel=0.05)
+    assert "Readings are missing, and left out: squares " in findings(fit, holed, LAMP, NOMINAL)[0]
+    assert told == sorted(told)
+    assert 0.5 < told[-1] <= 1.0
+
+
+def test_covariance_counts_only_what_was_read() -> None:
+    rng = np.random.default_rng(3)
+    shots = rng.standard_normal((3, 400, 1)) * 0.01
+    holed = shots.copy()
+    holed[:, 100:300] = np.nan
+    cut = np.concatenate([shots[:, :100], shots[:, 300:]], axis=1)
+    np.testing.assert_allclose(covariance([holed]), covariance([cut]))
+
+
+def test_a_joint_that_never_answered_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorded(tmp_path, [short(PLAN[1], 1.5)])
+    whole = session_module.read_run
+
+    def silent(path: Path) -> Run:
+        run = whole(path)
+        run.angle[:, 2] = np.nan
+        return run
+
+    monkeypatch.setattr(session_module, "read_run", silent)
+    with pytest.raises(FileError, match="holds no reading of neck; record it again"):
+        read_session(tmp_path, LAMP)

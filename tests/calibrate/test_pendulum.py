@@ -11,6 +11,7 @@ from robolamp.calibrate.bench import Bench
 from robolamp.calibrate.ladder import LADDER, switched_off
 from robolamp.calibrate.pendulum import Pendulum, parameter_set
 from robolamp.errors import FileError
+from robolamp.twin.pendulum import POINT, Load
 from tests.calibrate.bench_parts import COUNT, NOMINAL, TRUTH, chirp, drop, record, steps
 
 EVERYTHING = {
@@ -71,3 +72,33 @@ def test_a_recording_without_weight_or_supply_is_refused() -> None:
         Pendulum([type(made)(**{**vars(made), "mass": None})])
     with pytest.raises(FileError, match="no supply voltage"):
         Bench([type(made)(**{**vars(made), "voltage": np.full(len(made.time), math.nan)})])
+
+
+ROD = Load(0.0, 0.1, 0.3)
+
+
+@pytest.mark.parametrize("load", [Load(0.49, 0.1), Load(0.2, 0.1, 0.15), ROD])
+def test_one_body_is_the_weight_and_its_rod(load: Load) -> None:
+    mass, centre, inertia = load.body
+    assert mass == pytest.approx(load.mass + load.arm_mass)
+    assert mass * centre == pytest.approx((load.mass + load.arm_mass / 2) * load.length)
+    assert inertia + mass * centre**2 - POINT == pytest.approx((load.mass + load.arm_mass / 3) * load.length**2)
+
+
+@pytest.mark.parametrize("load", [Load(0.2, 0.1, 0.15), ROD])
+def test_a_rod_swings_as_a_rod(load: Load) -> None:
+    made = record(drop, off_at=0.7, seconds=4.0)
+    heavy = type(made)(**{**vars(made), "mass": load.mass, "arm_mass": load.arm_mass})
+    smooth = {**switched_off(NOMINAL), "coulomb": 1e-5, "viscous": 1e-5, "load_motor": 0.0, "load_external": 0.0}
+    sets = parameter_set(smooth)[None]
+    there, here = Bench([heavy], workers=1).simulate(sets)[0][0], Pendulum([heavy], workers=1).simulate(sets)[0][0]
+    np.testing.assert_allclose(here, there, rtol=0, atol=1e-7)
+    free = heavy.time > 0.8
+    time, angle = heavy.time[free], here[free]
+    up = np.flatnonzero((angle[:-1] < 0) & (angle[1:] >= 0))
+    period = float(np.mean(np.diff(time[up] - angle[up] * np.diff(time)[up] / np.diff(angle)[up])))
+    # A physical pendulum, with the elliptic integral's series for its amplitude.
+    inertia = smooth["armature"] + (load.mass + load.arm_mass / 3) * 0.1**2
+    small = 2 * math.pi * math.sqrt(inertia / ((load.mass + load.arm_mass / 2) * 9.81 * 0.1))
+    top = float(np.abs(angle).max())
+    assert period == pytest.approx(small * (1 + top**2 / 16 + 11 * top**4 / 3072 + 173 * top**6 / 737280), rel=0.01)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +14,16 @@ from robolamp.calibrate.fit import advice, fit_servo
 from robolamp.calibrate.identify import Problem
 from robolamp.calibrate.manifest import load_manifest
 from robolamp.calibrate.pendulum import Pendulum, parameter_set
-from robolamp.calibrate.recordings import Recording
+from robolamp.calibrate.recordings import Recording, read_recordings
 from robolamp.calibrate.servo_bench import load_bench
 from robolamp.calibrate.session import read_session
 from robolamp.calibrate.soundness import faults
 from robolamp.errors import FileError
+from robolamp.log.writer import LogWriter
 from tests.calibrate.sessions import ASSETS, LAMP
 from tests.calibrate.test_fit import run
 from tests.calibrate.wire_parts import CALIBRATION, CHART, FREE, MODEL, NOMINAL, known_servo, record_servo
+from tests.log.ticks import make_tick
 
 BENCH = """
 name = "mine"
@@ -148,3 +152,43 @@ def test_a_heavy_arm_is_swung_less(tmp_path: Path) -> None:
     heavy = load_bench(path, ASSETS)
     assert light.load.swing == pytest.approx(np.pi / 2)
     assert 0.5 * 9.81 * 0.1 * np.sin(heavy.load.swing) == pytest.approx(0.26)  # half of 0.52 Nm (e-manual)
+
+
+def test_the_weight_of_the_arm_goes_all_the_way(tmp_path: Path) -> None:
+    servo, truth = known_servo(5)
+    assert servo.pendulum
+    servo = replace(servo, pendulum=replace(servo.pendulum, mass=0.0, arm_mass=0.3))
+    (chirp,) = record_servo(tmp_path, servo, ("chirp",))
+    assert (chirp.mass, chirp.arm_mass, faults(chirp)) == (0.0, 0.3, [])
+    wrong = replace(chirp, mass=0.15, arm_mass=0.0)  # the same weight for gravity, another inertia
+    mae = [np.abs(each - chirp.angle).mean() for each in (
+        Pendulum([made]).simulate(parameter_set(truth)[None])[0][0] for made in (chirp, wrong)
+    )]  # fmt: skip
+    assert mae[0] < 0.002
+    assert mae[1] > 3 * mae[0]
+
+
+@pytest.mark.parametrize(
+    ("pendulum", "words"),
+    [
+        ("mass = 0.0\nlength = 0.1\n", "mass: 0.0 is not a number from 0.01 to 5 kg"),
+        ("mass = 0.0\nlength = 0.1\narm_mass = 0.001\n", "mass: 0.0 is not a number from 0.01 to 5 kg"),
+        ("mass = 0.2\nlength = 0.1\narm_mass = -1.0\n", "arm_mass: -1.0 is not a number from 0 to 5 kg"),
+    ],
+)
+def test_a_bench_without_weight_is_refused(tmp_path: Path, pendulum: str, words: str) -> None:
+    path = tmp_path / "bench.toml"
+    path.write_text(BENCH.partition("mass = ")[0] + pendulum)
+    with pytest.raises(FileError, match=re.escape(words)):
+        load_bench(path, ASSETS)
+
+
+def test_samples_without_an_answer_are_said(tmp_path: Path) -> None:
+    path = tmp_path / "run.MCAP"
+    with LogWriter(path, context={"goal_m": "0.3", "control_period": "0.02"}, joints=LAMP.names, now=100.0) as log:
+        for index in range(50):
+            log.tick(make_tick(index))  # of which each fifth lacks the knee's angle
+    said: list[str] = []
+    found = {each.joint: each for each in read_recordings([path], said.append)}
+    assert (len(found["ankle"].time), len(found["knee"].time)) == (50, 40)
+    assert said == ["run.MCAP#knee: 10 of 50 samples left out: the servo did not answer"]

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import os
+import re
 from pathlib import Path
 
 import pytest
@@ -73,3 +75,33 @@ def test_a_wheel_keeps_its_data_inside_the_package(tmp_path: Path, monkeypatch: 
     package.mkdir(parents=True)
     monkeypatch.setattr(assets, "_PACKAGE", package)
     assert assets.shipped() == package / "_assets"
+
+
+@pytest.mark.parametrize("name", ["limbo-22.5cm", "limbo-22.5cm.toml"])
+def test_a_name_may_have_points(name: str) -> None:
+    assert Assets().named(name, "sim/lamp/controllers", "controller").name == "limbo-22.5cm.toml"
+
+
+@pytest.mark.parametrize(
+    ("folder", "kind"),
+    [
+        ("calibration", "calibration"), ("sim/lamp/realities", "reality"), ("sim/tasks", "task"),
+        ("calibration/tolerances", "tolerances file"), ("sim/lamp/controllers", "controller"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("file", ["v1.2.toml", "V1.2.TOML"])
+def test_ones_own_names_may_have_points_and_capitals(tmp_path: Path, folder: str, kind: str, file: str) -> None:
+    (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / folder / file).write_text("")
+    name = file.rpartition(".")[0]
+    assert Assets.of(tmp_path).named(name, folder, kind) == tmp_path / folder / file
+    with pytest.raises(FileError, match=f"one of: .*{re.escape(name)}"):
+        Assets.of(tmp_path).named("nowhere", folder, kind)
+
+
+def test_a_pipe_in_a_files_place_is_refused_and_does_not_hide_the_others(tmp_path: Path) -> None:
+    mine = own(tmp_path)
+    os.mkfifo(tmp_path / "calibration" / "odd.toml")
+    assert mine.named("mine", "calibration", "calibration") == tmp_path / "calibration" / "mine.toml"
+    with pytest.raises(FileError, match=r"odd\.toml: is a named pipe; expected a file"):
+        mine.named("odd", "calibration", "calibration")

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
+import time
 from pathlib import Path
 
 import pytest
@@ -9,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robolamp.errors import FileError, RobolampError
-from robolamp.files import Table, read_text, read_toml, sha256, write_atomic
+from robolamp.files import Table, parse_json, parse_toml, read_bytes, read_text, read_toml, sha256, write_atomic
 
 
 def test_an_error_is_one_line_with_its_place() -> None:
@@ -143,3 +145,113 @@ def test_every_refusal_names_key_and_expectation(read, words: str) -> None:
     with pytest.raises(FileError) as caught:
         read(table(f=0.5))
     assert str(caught.value).startswith(f"file.toml: {words}")
+
+
+MARK = b"\xef\xbb\xbf"
+
+
+def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    path.write_bytes(MARK + "name = 'ä'\r\nother = 1\r".encode())
+    assert read_text(path) == "name = 'ä'\nother = 1\n"
+    assert read_toml(path) == {"name": "ä", "other": 1}
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        ("name = 1".encode("utf-16"), "is UTF-16 text; expected UTF-8"),
+        ("name = 1".encode("utf-16-be"), "not text: a zero byte"),
+        (b"\xfe\xff" + "name = 1".encode("utf-16-be"), "is UTF-16 text"),
+        ("name = 1".encode("utf-32"), "is UTF-16 text"),  # whose mark begins with that of UTF-16
+        (b"\xff", "not UTF-8 text (byte 0)"),
+    ],
+)
+def test_another_encoding_is_named(tmp_path: Path, data: bytes, words: str) -> None:
+    path = tmp_path / "a.toml"
+    path.write_bytes(data)
+    with pytest.raises(FileError, match=re.escape(words)):
+        read_toml(path)
+
+
+HEAVY = {
+    "a key of 50,000 points": "a" + ".a" * 50_000 + " = 1",
+    "with blanks": "a" + " . a" * 50_000 + " = 1",
+    "quoted": "'a'" + '."b"' * 50_000 + " = 1",
+    "a table's": "[" + "a." * 50_000 + "a]",
+    "of tables": "[[" + "a." * 50_000 + "a]]",
+    "inside an inline table": "x = {" + "a." * 50_000 + "a = 1}",
+    "arrays": "a = " + "[" * 50_000 + "]" * 50_000,
+    "arrays without an end": "a = " + "[" * 50_000,
+    "inline tables": "a = " + "{a=" * 50_000 + "1" + "}" * 50_000,
+    "both": "a = " + "[{a=" * 50_000,
+    "after strings": "s = \"[[[\" # [[[\nt = '''{{{'''\na = " + "[" * 50_000,
+}
+
+
+@pytest.mark.parametrize("text", HEAVY.values(), ids=HEAVY.keys())
+def test_nesting_without_end_is_refused_at_once(text: str) -> None:
+    began = time.monotonic()
+    with pytest.raises(FileError, match=r"not valid TOML: (a key of more than 16 parts|nested more than 16 deep) \(at"):
+        parse_toml(text, "x.toml")
+    assert time.monotonic() - began < 1.0
+
+
+def test_what_looks_like_nesting_inside_strings_and_comments_is_none() -> None:
+    text = f'a = "{"[" * 50}"\nb = \'\'\'{"{" * 50}\'\'\'\nc = """{"a." * 50}\\""""  # {"[" * 50}\nd = 1.5\n'
+    assert parse_toml(text, "")["a"] == "[" * 50
+    assert parse_toml("a = [" + "1.5, " * 1000 + "]", "")["a"] == [1.5] * 1000
+    assert parse_toml("a.b.c = [[{d.e = 1}]]", "") == {"a": {"b": {"c": [[{"d": {"e": 1}}]]}}}
+
+
+@given(st.binary(max_size=200) | st.text(alphabet="[]{}.='\"#\n\\a1, ", max_size=200).map(str.encode))
+def test_no_bytes_break_the_readers(tmp_path_factory: pytest.TempPathFactory, data: bytes) -> None:
+    path = tmp_path_factory.mktemp("any") / "x"
+    path.write_bytes(data)
+    for read in (read_toml, lambda one: parse_json(read_text(one), str(one))):
+        message = ""
+        try:
+            read(path)
+        except FileError as error:
+            message = str(error)
+        assert "\n" not in message
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"a":' * 100_000, "1" * 5000, "", '{"a": 1, "b": 2, "a": 3}'])
+def test_json_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(FileError, match=r"x\.json: not valid JSON"):
+        parse_json(text, "x.json")
+
+
+def test_what_a_message_shows_is_one_short_line() -> None:
+    with pytest.raises(FileError) as caught:
+        Table(parse_toml('"c\\nd" = 1', "x.toml"), "x.toml").done()
+    assert "\n" not in str(caught.value)
+    with pytest.raises(FileError) as caught:
+        Table({"a": "x\n" * 10_000}, "x.toml").number("a", 0, 1)
+    assert len(str(caught.value)) < 200
+    assert "\n" not in str(caught.value)
+
+
+def test_only_regular_files_are_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    large = tmp_path / "large"
+    large.write_bytes(b"")
+    os.truncate(large, 6_000_000_000)
+    for path, words in (
+        (tmp_path / "pipe", "is a named pipe; expected a file"),
+        (Path("/dev/zero"), "is a device; expected a file"),
+        (tmp_path, "cannot be read: is a directory; expected a file"),
+        (large, "is too large: 6,000 MB, expected 67 MB at most"),
+        (tmp_path / "none", "No such file"),
+    ):
+        for read in (read_bytes, read_text):
+            with pytest.raises(FileError, match=words):
+                read(path)
+    with pytest.raises(FileError, match="too large: 6,000 MB, expected 268 MB"):
+        sha256(large)
+
+
+def test_a_file_of_proc_has_no_size_and_is_read() -> None:
+    if Path("/proc/self/status").exists():
+        assert read_text(Path("/proc/self/status")).startswith("Name:")
