@@ -61,7 +61,7 @@ def holds(pid: int, path: str) -> bool:
     try:
         port = Path(path).resolve()
         device = port.stat()
-    except OSError:
+    except (OSError, RuntimeError, ValueError):  # also: links in a circle, a name that cannot be one
         return False
     if not stat.S_ISCHR(device.st_mode):
         return False
