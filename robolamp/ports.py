@@ -93,7 +93,7 @@ def open_error(path: str, error: Exception, option: str) -> BusError:
     elif code in (errno.EACCES, errno.EPERM):
         said = "permission denied; add yourself to the group that owns the port (`sudo usermod -aG dialout $USER`)"
     elif code in (errno.EBUSY, errno.EAGAIN) or "lock port" in text:
-        said = _in_use(path)
+        said = _in_use(path, "bus.port" in option)
     elif code in (errno.ENXIO, errno.ENODEV, errno.EIO):
         said = "nothing is behind this serial port; is it plugged in?"
     elif "Could not configure port" in text or code in (errno.ENOTTY, errno.EISDIR):
@@ -108,11 +108,11 @@ def said_by(error: Exception) -> str:
     return str(getattr(error, "strerror", None) or (error.args[-1] if error.args else error))
 
 
-def _in_use(path: str) -> str:
+def _in_use(path: str, servos: bool) -> str:
     found = holders(path)
     if found:
-        named = ", ".join(map(str, found))
-        return f"in use by another program: {named}; end it first (`robolamp stop --force` does, and frees the lamp)"
+        how = " (`robolamp stop --force` does, and frees the lamp)" if servos else ""
+        return f"in use by another program: {', '.join(map(str, found))}; end it first{how}"
     return f"in use by another program, which cannot be named from here (`lsof {shlex.quote(path)}` may); end it first"
 
 

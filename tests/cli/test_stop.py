@@ -106,6 +106,25 @@ def test_every_verb_names_who_has_the_port(
     assert torques(line) == [1, 1, 1]
 
 
+def test_who_has_the_foots_port_is_named(capsys: pytest.CaptureFixture[str], line: Responder) -> None:
+    reading, writing = pty.openpty()
+    name = os.ttyname(writing)
+    with stranger(name, "lock") as process:
+        code, out, _ = call(capsys, "monitor", "--port", line.name, "--foot-port", name, "--json")
+        assert (code, json.loads(out)["where"]) == (2, name)
+        assert f"in use by another program: process {process.pid} (" in json.loads(out)["error"]
+        assert "--force" not in json.loads(out)["error"]  # that is for the servos' port
+    os.close(reading)
+    os.close(writing)
+
+
+@pytest.mark.parametrize("number", [signal.SIGQUIT, signal.SIGHUP, signal.SIGTERM, signal.SIGINT])
+def test_any_ending_signal_ends_a_monitor(line: Responder, number: signal.Signals) -> None:
+    with monitor(line.name) as process:
+        process.send_signal(number)
+        assert process.wait(timeout=10) == 0
+
+
 def test_a_port_in_use_is_not_touched(capsys: pytest.CaptureFixture[str], line: Responder) -> None:
     with stranger(line.name, "lock"):
         client = os.open(line.name, os.O_RDWR | os.O_NOCTTY)
