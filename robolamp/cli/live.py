@@ -44,7 +44,8 @@ class LiveView:
         self._keys = "q, Space, Esc or Ctrl-C" if keys else "Ctrl-C"
         self._live = Live(console=self._console, auto_refresh=False, transient=True)
         self._drawing = self._console.is_terminal and not quiet
-        self._run_began: float | None = None
+        self._elapsed = 0.0  # time that the controller has driven [s]
+        self._driven: float | None = None  # when it last did [s]; None: it does not
         self._faults = 0
 
     def __enter__(self) -> LiveView:
@@ -58,8 +59,10 @@ class LiveView:
 
     def tick(self, tick: Tick) -> None:
         """Take a tick; draws some of them, after the goals were sent."""
-        if tick.phase == "run" and self._run_began is None:
-            self._run_began = tick.scheduled
+        driven = tick.scheduled if tick.phase == "run" else None
+        if driven is not None and self._driven is not None:
+            self._elapsed += driven - self._driven
+        self._driven = driven
         self._faults += len(tick.observation.faults)
         if self._drawing and tick.index % _EVERY == 0:
             self._guarded(lambda: self._live.update(self._picture(tick), refresh=True))
@@ -80,7 +83,7 @@ class LiveView:
         grid = Table.grid(padding=(0, 2))
         grid.add_column(width=12)
         grid.add_column()
-        elapsed = 0.0 if self._run_began is None else min(tick.scheduled - self._run_began, self._duration)
+        elapsed = min(self._elapsed, self._duration)
         filled = round(_BAR * elapsed / self._duration)
         share = "█" * filled + "░" * (_BAR - filled)
         grid.add_row(_PHASES[tick.phase], f"{share} {elapsed:4.1f} of {self._duration:.1f} s to {self._goal:.2f} m")

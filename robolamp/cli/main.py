@@ -35,7 +35,8 @@ Soft start, hop, soft landing, torque off; then a report that compares the lamp 
 with room to hop and a hand near its plug. Ctrl-C lands it softly; a second Ctrl-C turns its torque off at once.""",
     "stop": """Turn every servo's torque off and clear its watchdog: releases a lamp that is frozen.
 
-Hold the lamp: it sinks. Exit code 0: every servo confirmed; 1: some did not, switch the supply off.""",
+Hold the lamp: it sinks. --force ends a program that uses the port first. Exit code 0: every servo confirmed; 1: some
+did not, switch the supply off.""",
     "monitor": "Show what the servos and the foot sensor report, as a table that rewrites itself, until Ctrl-C.",
     "setup": """Set up the physical lamp: find and number the servos, set zeros, tare the foot, check everything.
 

@@ -1,9 +1,14 @@
-"""`robolamp stop`: releases a lamp that nobody drives any more."""
+"""`robolamp stop`: releases a lamp that nobody drives any more, or, by force, one that somebody does."""
 
 from __future__ import annotations
 
+import contextlib
+import os
+import signal
+import sys
+import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -11,12 +16,19 @@ from robolamp.assets import Assets
 from robolamp.cli.output import print_json
 from robolamp.errors import RobolampError
 from robolamp.lamp import load_lamp
+from robolamp.ports import Holder, holders, holds
+
+_GRACE = 6.0  # s after SIGTERM: a soft landing takes 1, servos that do not confirm are told for 2, a deploy starts in 2
+_KILLED = 2.0  # s after SIGKILL: what the kernel needs, and a slow driver
+_LOOK = 0.05  # s: between two looks whether it is over
 
 
 def stop(
     *,
     port: str | None = None,
     reboot: bool = False,
+    force: Annotated[bool, Parameter(negative="")] = False,
+    yes: Annotated[bool, Parameter(name=["--yes", "-y"], negative="")] = False,
     lamp: Path | None = None,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
@@ -30,9 +42,15 @@ def stop(
     Args:
         port: Serial port of the servos; by default bus.port of hardware/lamp.toml.
         reboot: Restart servos that shut down for a hardware error, which clears it. Find the cause first.
+        force: End the program that uses the port first, one of yours: asked to (a deploy then lands softly), killed
+            after 6 seconds. Asks before it ends what is not robolamp.
+        yes: With --force, do not ask.
         lamp: A folder of your own lamp, laid out like robolamp's.
         as_json: Print one JSON object.
     """
+    if yes and not force:
+        raise RobolampError("is for --force", "--yes")
+
     from robolamp.dynamixel.bus import SETTING_PATIENCE, Bus
     from robolamp.dynamixel.registers import MODELS, HardwareError
     from robolamp.dynamixel.servos import Servos
@@ -43,7 +61,9 @@ def stop(
     bus = Bus(
         port or description.bus_port, description.bus_baud, MonotonicClock(), labels=names, patience=SETTING_PATIENCE
     )
+    ended = _end(bus.name, asks=not (yes or as_json), may_ask=sys.stdin.isatty(), yes=yes) if force else {}
     bus.open()
+    sharing = holders(bus.name)  # who did not lock it, as robolamp does
     try:
         joints = description.joints
         servos = Servos(bus, [joint.id for joint in joints], [MODELS[joint.servo] for joint in joints])
@@ -54,6 +74,8 @@ def stop(
             bus.reboot(joints[index].id)
     finally:
         bus.close()
+    for holder in sharing:
+        print(f"robolamp: {holder} uses {bus.name}, too, and may move the lamp; --force ends it", file=sys.stderr)
     released = [joint.name for index, joint in enumerate(joints) if index not in failed]
     left = [joint.name for index, joint in enumerate(joints) if index in failed]
     if len(left) == len(joints):
@@ -68,9 +90,13 @@ def stop(
                 "not_confirmed": left,
                 "hardware_errors": words,
                 "rebooted": [joints[index].name for index in rebooted],
+                "ended": [{**_row(holder), "killed": killed} for holder, killed in ended.items()],
+                "also_open": [_row(holder) for holder in sharing],
             }
         )
     else:
+        for holder, killed in ended.items():
+            print(f"{'killed' if killed else 'ended'}: {holder}")
         print(f"torque off: {', '.join(released)}")
         for index, (name, text) in enumerate(words.items()):
             done = "rebooted" if index < len(rebooted) else "only a reboot (--reboot) or its supply clears it"
@@ -78,3 +104,48 @@ def stop(
         if left:
             print(f"not confirmed: {', '.join(left)}; switch the supply off")
     return 1 if left else 0
+
+
+def _row(holder: Holder) -> dict[str, Any]:
+    return {"pid": holder.pid, "command": holder.command}
+
+
+def _end(port: str, *, asks: bool, may_ask: bool, yes: bool) -> dict[Holder, bool]:
+    """End the processes that have a port open, and return them, each with whether it had to be killed.
+
+    Raises:
+        RobolampError: One is another user's, may not be ended, or does not end.
+    """
+    found = holders(port)
+    for holder in found:
+        if holder.user != os.getuid():
+            raise RobolampError(f"{holder} is of another user; only yours are ended", port)
+    for holder in found:
+        if holder.robolamp or yes:
+            continue
+        if not (asks and may_ask):
+            raise RobolampError(f"{holder} is not robolamp, and nobody can be asked here; --yes ends it", port)
+        if not _agreed(f"{holder} uses {port}, and is not robolamp. End it? [y/N] "):
+            raise RobolampError(f"{holder} goes on; nothing was ended", port)
+    return {holder: _ended(holder, port) for holder in found}
+
+
+def _agreed(question: str) -> bool:
+    print(question, end="", file=sys.stderr, flush=True)
+    return sys.stdin.readline().strip().lower() in {"y", "yes"}
+
+
+def _ended(holder: Holder, port: str) -> bool:
+    """End a process; return whether it had to be killed."""
+    for number, patience in ((signal.SIGTERM, _GRACE), (signal.SIGKILL, _KILLED)):
+        with contextlib.suppress(ProcessLookupError):
+            if holds(holder.pid, port):
+                os.kill(holder.pid, number)
+        end = time.monotonic() + patience
+        while holds(holder.pid, port):
+            if time.monotonic() > end:
+                break
+            time.sleep(_LOOK)
+        else:
+            return number == signal.SIGKILL
+    raise RobolampError(f"{holder} does not end; switch the supply off", port)

@@ -10,6 +10,7 @@ import select
 from collections.abc import Sequence
 from typing import Any, Literal, Protocol
 
+import serial
 from dynamixel_sdk import PortHandler
 
 from robolamp.signals import Clock
@@ -85,13 +86,13 @@ class SerialPort(PortHandler):
 
     def setupPort(self, cflag_baud: int) -> Literal[True]:
         """Open the device for this program alone, with the shortest latency its driver has."""
-        super().setupPort(cflag_baud)
-        try:
-            self.ser.exclusive = True
-            self.ser.write_timeout = _WRITE_TIMEOUT
-        except Exception:
+        if self.is_open:
             self.closePort()
-            raise
+        # Locked before anything of it is changed: another program may be driving a lamp through it.
+        self.ser = serial.Serial(self.port_name, self.baudrate, timeout=0, write_timeout=_WRITE_TIMEOUT, exclusive=True)
+        self.is_open = True
+        self.ser.reset_input_buffer()
+        self.tx_time_per_byte = 10.0 * 1000.0 / self.baudrate  # ms: 8 bits, start and stop
         with contextlib.suppress(Exception):  # FTDI: latency timer 16 ms -> 1 ms; other drivers do not know it
             self.ser.set_low_latency_mode(True)
             self.low_latency = True

@@ -10,8 +10,8 @@ from robolamp.signals import Clock
 SLEEP = 0.2
 """Sleep of the computer that is one [s]: as much silence as the servos' Bus Watchdogs allow."""
 
-# A clock that goes on while the computer sleeps; time.monotonic() does not.
-_AWAKE_OR_NOT = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)  # macOS: the latter, and monotonic() is another
+# A clock that goes on while the computer sleeps, which time.monotonic() does not: on Linux, and on macOS.
+_AWAKE_OR_NOT = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC_RAW", time.CLOCK_MONOTONIC))
 _LOOKS = 3
 
 _SPIN = 0.0002  # s: the kernel wakes a sleeper 0.05 to 0.1 ms late; the rest is waited out

@@ -329,6 +329,27 @@ def test_an_unknown_condition_is_a_fault_when_it_lasts(line: Responder, direct: 
     assert direct.observe().faults == ()
 
 
+def test_an_unknown_condition_is_not_forgotten_when_an_answer_is_lost(line: Responder, direct: RobotLamp) -> None:
+    line.servos[2].deaf_blocks.add(64)
+    faults = []
+    for silent in (False, False, False, True, True, False, False, True):
+        line.servos[2].silent = silent
+        faults.append([text.removeprefix("knee: ") for text in direct.observe().faults if text.startswith("knee: ")])
+    lost, unknown = ["no answer"], ["condition unknown"]
+    assert faults == [[], [], [], lost, lost, [], unknown, lost]
+
+
+def test_a_goal_is_known_to_have_arrived_only_where_it_was_read(line: Responder, ready: RobotLamp) -> None:
+    ready.torque(True)
+    ready.command(Command(np.zeros(3)))
+    assert ready.observe().health.goal.tolist() == [1, 1, 1]
+    line.servos[2][Name.GOAL_POSITION] += 1
+    line.servos[3].silent = True
+    assert ready.observe().health.goal.tolist() == [1, 0, -1]
+    ready.torque(False)
+    assert ready.observe().health.goal.tolist() == [-1, -1, -1]
+
+
 def test_an_angle_is_as_old_as_its_reading(line: Responder, direct: RobotLamp) -> None:
     line.servos[2].deaf_blocks.add(64)  # the second block waits for it, after the angles were read
     assert (direct.observe().angle_age > 0.05).all()

@@ -51,11 +51,15 @@ def test_signals_are_counted_not_raised(number: signal.Signals) -> None:
     assert signal.getsignal(number) is before
 
 
+def ask_and_wait() -> None:
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(5.0)
+
+
 def test_a_request_interrupts_whoever_waits_for_a_person() -> None:
     with StopRequest() as stop:
         with pytest.raises(KeyboardInterrupt), stop.interrupting():
-            os.kill(os.getpid(), signal.SIGTERM)
-            time.sleep(5.0)
+            ask_and_wait()
         with pytest.raises(KeyboardInterrupt), stop.interrupting():  # it was asked for before
             pytest.fail("it was not waited for")
         os.kill(os.getpid(), signal.SIGTERM)
@@ -90,8 +94,8 @@ print(result.ended, lamp.torques)
 
 
 # signal(7): those that do not end a process, cannot be caught, tell of a program that broke, or are ignored by Python.
-OTHERS = "CHLD CONT URG WINCH TSTP TTIN TTOU KILL STOP SEGV BUS FPE ILL TRAP SYS PIPE XFSZ INFO".split()
-NOT_ENDING = {getattr(signal, f"SIG{name}") for name in OTHERS if hasattr(signal, f"SIG{name}")}
+OTHERS = "CHLD CONT URG WINCH TSTP TTIN TTOU KILL STOP SEGV BUS FPE ILL TRAP SYS PIPE XFSZ INFO"
+NOT_ENDING = {getattr(signal, f"SIG{name}") for name in OTHERS.split() if hasattr(signal, f"SIG{name}")}
 
 
 @pytest.mark.parametrize("number", sorted(signal.valid_signals() - NOT_ENDING - set(range(37, signal.SIGRTMAX))))
