@@ -27,14 +27,10 @@ from robolamp.files import read_text
 from robolamp.foot.sensor import FootSensor
 from robolamp.lamp import Joint, Lamp
 from robolamp.robot.frame import JointFrame
-from robolamp.robot.roll import Roll, call_roll
+from robolamp.robot.roll import PATIENCE, Roll, call_roll
 from robolamp.robot.settings import RULES, Setting, named, wrong_settings
 from robolamp.robot.setup import edit_lamp, read_only, set_joint
 from robolamp.signals import Clock
-
-PATIENCE = 0.3
-"""How long an answer may be late before the start [s]: a busy computer must not look like a broken cable.
-Chosen; inside a tick there is no time for that."""
 
 TABLE = 147
 """How many bytes of a servo's control table are read: Model Number(0) to Present Temperature(146)."""
@@ -173,7 +169,7 @@ def check_meaning(lamp: Lamp, bus: Bus, models: Sequence[Model]) -> None:
 
 def _look(lamp: Lamp, bus: Bus, holding: bool) -> tuple[Roll, list[Finding]]:
     """Call the roll and return everything that is wrong with servos and port; nothing is written."""
-    roll = call_roll(lamp, bus, PATIENCE)
+    roll = call_roll(lamp, bus)
     found = [Finding(text, answers=False) for text in roll.missing] + [Finding(text) for text in roll.wrong]
     found += _latency(bus)
     frame = JointFrame(lamp)
