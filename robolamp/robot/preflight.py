@@ -144,11 +144,15 @@ def read_table(bus: Bus, servo: int, model: Model) -> dict[Name, int]:
     Raises:
         BusError: It does not answer or refuses.
     """
-    data = bus.read_bytes(servo, 0, TABLE)
+    rows = {name: row for name, row in model.registers.items() if row.address + row.size <= TABLE}
+    try:
+        data = bus.read_bytes(servo, 0, TABLE)
+    except BusError:
+        bus.read(servo, model[Name.STATUS_RETURN_LEVEL])  # does it answer any read?
+        return {name: bus.read(servo, row) for name, row in rows.items()}
     return {
         name: int.from_bytes(data[row.address : row.address + row.size], "little", signed=row.signed)
-        for name, row in model.registers.items()
-        if row.address + row.size <= TABLE
+        for name, row in rows.items()
     }
 
 

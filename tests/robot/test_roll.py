@@ -12,7 +12,8 @@ from contract.backends import LAMP
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.dynamixel.bus import Bus
-from robolamp.dynamixel.registers import HardwareError, Name
+from robolamp.dynamixel.registers import MODELS, HardwareError, Name
+from robolamp.dynamixel.servos import Servos
 from robolamp.emulator.bare import BareServos
 from robolamp.emulator.faults import Event, Faults, Rates
 from robolamp.emulator.lamp import EmulatedLamp
@@ -177,6 +178,19 @@ def test_a_servo_with_torque_on_is_not_written_to() -> None:
     assert "PWM Limit(36) is 500" in said
     assert "mended" not in said
     assert "refuses" not in said
+
+
+@pytest.mark.parametrize("level", [0, 1])
+def test_a_servo_that_confirms_nothing_confirms_that_its_torque_is_off(level: int) -> None:
+    world, ports = rig()
+    for each in world.servos:
+        each.put(Name.TORQUE_ENABLE, 1)
+        each.put(Name.STATUS_RETURN_LEVEL, level)
+    bus = Bus(ports.servo_port, 1_000_000, ports.clock)
+    bus.open()
+    models = [MODELS[joint.servo] for joint in LAMP.joints]
+    assert Servos(bus, [joint.id for joint in LAMP.joints], models).torque_off() == ()
+    assert [each.register(Name.TORQUE_ENABLE) for each in world.servos] == [0, 0, 0]
 
 
 @pytest.mark.parametrize(("volts", "limit"), [(3.6, 35), (3.6, 31), (3.2, 31)])
