@@ -262,7 +262,7 @@ def _setting(lamp: Lamp, bus: Bus, index: int, setting: Setting, *, locked: bool
     if not setting.right or (locked and model[setting.name].eeprom):
         return Finding(text)
     if marks:
-        text += f", then `robolamp setup zero`: {' and '.join(setting.upset)} mean something else then"
+        text += f", then `robolamp setup zero`: it changes what {' and '.join(setting.upset)} must be"
         held = read_only(lamp.path)
         if held:
             return Finding(f"{text} (not by --fix: {lamp.path} {held}, and could not keep that)")
