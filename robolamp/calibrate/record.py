@@ -143,7 +143,7 @@ def record(
                 person.prompt(f"{place} - {step.shows}.\n  {step.hands}")
             else:
                 say(f"{place}: {step.shows}")
-            entry, mass = _record_step(session, step, connect, person)
+            entry, mass = _record_step(session, step, connect, person, say)
             manifest = replace(manifest.with_entry(entry), mass=manifest.mass or mass)
             manifest.write(session.folder)
     return manifest
@@ -170,12 +170,14 @@ def _open(session: Session) -> Manifest:
     return found
 
 
-def _record_step(session: Session, step: Step, connect: Connect, person: Person | None) -> tuple[Entry, float | None]:
+def _record_step(
+    session: Session, step: Step, connect: Connect, person: Person | None, say: Callable[[str], None]
+) -> tuple[Entry, float | None]:
     """Return the recording, and the lamp's mass [kg] where the connection knows it."""
     lamp, final = step.lamp(session.lamp), session.folder / f"{step.name}.mcap"
     pilot, source = _pilot(session, step, lamp)
     with partial(final, final.name + _UNFINISHED) as part, connect(step) as ports:
-        result = _play(session, step, lamp, pilot, source, ports, part)
+        result = _play(session, step, lamp, pilot, source, ports, part, say)
         if result.ended != "finished":
             raise SafetyError(f"{result.ended}: {result.reason}; start again to go on with this step", step.name)
         travel = None
@@ -206,6 +208,7 @@ def _play(
     source: str,
     ports: Connection,
     path: Path,
+    say: Callable[[str], None],
 ) -> RunResult:
     robot = RobotLamp(lamp, ports.servo_port, ports.foot_port, ports.clock, patience=ports.patience, fix=session.fix)
     context = run_context(
@@ -223,6 +226,8 @@ def _play(
     context["position_p_gain"] = " ".join(str(joint.position_p_gain) for joint in lamp.joints)
     try:
         robot.open()
+        for text in robot.mended:
+            say(f"mended: {text}")
         context[ANSWER_WIRE] = repr(robot.answer_wire_time)
         virtual = ports.epoch is not None
         with LogWriter(path, context=context, joints=lamp.names, epoch=ports.epoch, lossless=virtual) as log:

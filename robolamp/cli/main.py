@@ -40,7 +40,7 @@ did not, switch the supply off.""",
     "monitor": "Show what the servos and the foot sensor report, as a table that rewrites itself, until Ctrl-C.",
     "setup": """Set up the physical lamp: find and number the servos, set zeros, tare the foot, check everything.
 
-hardware/README.md says when to take which step. Torque stays off throughout.""",
+hardware/README.md says when to take which step. Torque stays off throughout. With --json each prints one object.""",
     "compare": """Compare a run of the lamp with its twin or with another run, and write a report.
 
 The twin replays the log's goals; two logs are laid over each other; a folder of runs gives a trend and how well twin

@@ -221,10 +221,10 @@ def _assign(port: str, lamp: Lamp, name: str | None, last_id: int) -> dict[str, 
 
 
 def _zero(port: str, lamp: Lamp, keep_signs: bool, ask: Ask | None) -> dict[str, Any]:
-    from robolamp.dynamixel.bus import SETTING_PATIENCE, Bus
+    from robolamp.dynamixel.bus import Bus
     from robolamp.dynamixel.servos import Servos
-    from robolamp.robot.preflight import PATIENCE, check_meaning
-    from robolamp.robot.roll import check_servos
+    from robolamp.robot.preflight import check_meaning
+    from robolamp.robot.roll import PATIENCE, check_servos
     from robolamp.robot.setup import edit_lamp, set_joint, sign_of
     from robolamp.runtime.clock import MonotonicClock
 
@@ -234,10 +234,10 @@ def _zero(port: str, lamp: Lamp, keep_signs: bool, ask: Ask | None) -> dict[str,
     if keep_signs and doubtful:
         raise RobolampError(f"the signs must be found again: {', '.join(doubtful)}", "--keep-signs")
     path = _writable(lamp)
-    bus = Bus(port, lamp.bus_baud, MonotonicClock(), labels=dict(_labels(lamp)), patience=SETTING_PATIENCE)
+    bus = Bus(port, lamp.bus_baud, MonotonicClock(), labels=dict(_labels(lamp)), patience=PATIENCE)
     bus.open()
     try:
-        models, _ = check_servos(lamp, bus, PATIENCE)
+        models, _ = check_servos(lamp, bus)
         check_meaning(lamp, bus, models)
         servos = Servos(bus, [joint.id for joint in lamp.joints], models)
         if (servos.read().torque != 0).any():

@@ -202,7 +202,7 @@ class Servos:
             with contextlib.suppress(BusError):
                 for _ in range(TORQUE_OFF_ATTEMPTS):
                     self._bus.write_all(self._models[left[0]][Name.TORQUE_ENABLE], 0)
-        return left
+        return tuple(index for index in left if not self._off_aloud(index))
 
     def hardware_errors(self) -> tuple[int, ...]:
         """Return Hardware Error Status(70) of each servo; -1 where it does not answer."""
@@ -284,6 +284,15 @@ class Servos:
         late = self._bus.sync_read(again, address, length) if again else {}
         self._again |= set(late)
         return found | late
+
+    def _off_aloud(self, index: int) -> bool:
+        """Turn a servo's torque off that another client may have told to confirm nothing."""
+        level = self._models[index][Name.STATUS_RETURN_LEVEL]
+        try:
+            self._bus.write(self._ids[index], level, level.initial or 0)
+        except BusError:
+            return False
+        return self._off(index)
 
     def _off(self, index: int) -> bool:
         servo, model = self._ids[index], self._models[index]

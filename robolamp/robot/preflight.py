@@ -27,14 +27,10 @@ from robolamp.files import read_text
 from robolamp.foot.sensor import FootSensor
 from robolamp.lamp import Joint, Lamp
 from robolamp.robot.frame import JointFrame
-from robolamp.robot.roll import Roll, call_roll
+from robolamp.robot.roll import PATIENCE, Roll, call_roll
 from robolamp.robot.settings import RULES, Setting, named, wrong_settings
 from robolamp.robot.setup import edit_lamp, read_only, set_joint
 from robolamp.signals import Clock
-
-PATIENCE = 0.3
-"""How long an answer may be late before the start [s]: a busy computer must not look like a broken cable.
-Chosen; inside a tick there is no time for that."""
 
 TABLE = 147
 """How many bytes of a servo's control table are read: Model Number(0) to Present Temperature(146)."""
@@ -148,11 +144,15 @@ def read_table(bus: Bus, servo: int, model: Model) -> dict[Name, int]:
     Raises:
         BusError: It does not answer or refuses.
     """
-    data = bus.read_bytes(servo, 0, TABLE)
+    rows = {name: row for name, row in model.registers.items() if row.address + row.size <= TABLE}
+    try:
+        data = bus.read_bytes(servo, 0, TABLE)
+    except BusError:
+        bus.read(servo, model[Name.STATUS_RETURN_LEVEL])  # does it answer any read?
+        return {name: bus.read(servo, row) for name, row in rows.items()}
     return {
         name: int.from_bytes(data[row.address : row.address + row.size], "little", signed=row.signed)
-        for name, row in model.registers.items()
-        if row.address + row.size <= TABLE
+        for name, row in rows.items()
     }
 
 
@@ -173,7 +173,7 @@ def check_meaning(lamp: Lamp, bus: Bus, models: Sequence[Model]) -> None:
 
 def _look(lamp: Lamp, bus: Bus, holding: bool) -> tuple[Roll, list[Finding]]:
     """Call the roll and return everything that is wrong with servos and port; nothing is written."""
-    roll = call_roll(lamp, bus, PATIENCE)
+    roll = call_roll(lamp, bus)
     found = [Finding(text, answers=False) for text in roll.missing] + [Finding(text) for text in roll.wrong]
     found += _latency(bus)
     frame = JointFrame(lamp)
@@ -262,7 +262,7 @@ def _setting(lamp: Lamp, bus: Bus, index: int, setting: Setting, *, locked: bool
     if not setting.right or (locked and model[setting.name].eeprom):
         return Finding(text)
     if marks:
-        text += f", then `robolamp setup zero`: {' and '.join(setting.upset)} mean something else then"
+        text += f", then `robolamp setup zero`: it changes what {' and '.join(setting.upset)} must be"
         held = read_only(lamp.path)
         if held:
             return Finding(f"{text} (not by --fix: {lamp.path} {held}, and could not keep that)")

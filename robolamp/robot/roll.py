@@ -10,6 +10,10 @@ from robolamp.dynamixel.registers import BAUD_CODES, MODELS, Model, model_by_num
 from robolamp.errors import BusError, SafetyError
 from robolamp.lamp import Joint, Lamp
 
+PATIENCE = 0.3
+"""How long an answer may be late before the start [s]: a busy computer must not look like a broken cable.
+Chosen; inside a tick there is no time for that."""
+
 RATES = (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000, 9600)
 """Baud rates at which servos are looked for, in this order [1/s]: the lamp's, then the factory's."""
 
@@ -40,13 +44,12 @@ class Roll:
     doubled: bool
 
 
-def call_roll(lamp: Lamp, bus: Bus, patience: float) -> Roll:
+def call_roll(lamp: Lamp, bus: Bus) -> Roll:
     """Ask for every servo of the lamp; nothing is written.
 
     Args:
         lamp: Its description.
         bus: The open bus.
-        patience: How long an answer may be late [s].
 
     Raises:
         BusError: The port is gone, or a servo refuses a ping.
@@ -55,7 +58,7 @@ def call_roll(lamp: Lamp, bus: Bus, patience: float) -> Roll:
     silent: list[int] = []
     doubled: list[int] = []
     wrong: list[str] = []
-    with bus.patient(patience):
+    with bus.patient(PATIENCE):
         for index, joint in enumerate(lamp.joints):
             identity = bus.ping(joint.id)
             if identity is None:
@@ -81,7 +84,7 @@ def call_roll(lamp: Lamp, bus: Bus, patience: float) -> Roll:
     return Roll(present, missing, wrong, bool(doubled))
 
 
-def check_servos(lamp: Lamp, bus: Bus, patience: float) -> tuple[list[Model], list[Identity]]:
+def check_servos(lamp: Lamp, bus: Bus) -> tuple[list[Model], list[Identity]]:
     """Call the roll, and refuse what is wrong.
 
     Returns:
@@ -91,7 +94,7 @@ def check_servos(lamp: Lamp, bus: Bus, patience: float) -> tuple[list[Model], li
         BusError: A servo does not answer; the message names everything that is wrong.
         SafetyError: Several have one id, or one is another model than the lamp's description says.
     """
-    roll = call_roll(lamp, bus, patience)
+    roll = call_roll(lamp, bus)
     said = "; ".join([*roll.missing, *roll.wrong])
     if said:
         raise (BusError if roll.missing else SafetyError)(said, bus.name)

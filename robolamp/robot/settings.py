@@ -74,7 +74,6 @@ def _free(why: str) -> Rule:
 
 
 _ZERO = dict.fromkeys(AT_TORQUE_ON, "the twin's servo is its P gain alone") | {
-    Name.BUS_WATCHDOG: "cleared first, as goals are refused while it is tripped; armed once torque is on",
     Name.PROFILE_ACCELERATION: "goals are followed at once; a profile of another client would lag",
     Name.PROFILE_VELOCITY: "goals are followed at once; a profile of another client would lag",
 }
@@ -102,6 +101,7 @@ RULES: Mapping[Name, Rule] = MappingProxyType(
         Name.STARTUP_CONFIGURATION: _checked("torque on, or another client's RAM, whenever power comes back", 0),
         Name.PWM_SLOPE: _checked("its ramp is part of the twin's delay"),
         **{name: _written(str(AT_TORQUE_ON[name]), why) for name, why in _ZERO.items()},
+        Name.BUS_WATCHDOG: _written("10, which is 0.2 s", "cleared first: while it is tripped, goals are refused"),
         Name.POSITION_P_GAIN: _written("position_p_gain of lamp.toml", "the twin's too"),
         Name.GOAL_PWM: _written("885, in a gentle run less", "full duty"),
         Name.GOAL_POSITION: _written("Present Position(132)", "it must not jump"),
@@ -124,8 +124,8 @@ INDIRECT: Mapping[str, Rule] = MappingProxyType(
         f"Indirect Address 1 to {MAPPED}": _written(
             "the health block's", "all that a tick reads side by side; read back and compared with the registers"
         ),
-        "other Indirect Address": _free("nobody reads what they map (e-manual, Indirect Address)"),
-        "Indirect Data": _free("the registers that are mapped (e-manual, Indirect Data)"),
+        "other Indirect Address": _free("nobody reads what they map (e-manual, Indirect Address, Indirect Data)"),
+        "Indirect Data": _free("a view of the registers that are mapped (e-manual, Indirect Address, Indirect Data)"),
     }
 )
 """The indirect registers, which have no row each."""

@@ -21,7 +21,7 @@ from robolamp.files import MOST_TOML, parse_toml, read_text, write_atomic
 from robolamp.foot.sensor import FootSensor
 from robolamp.lamp import Lamp
 from robolamp.robot.frame import wrapped
-from robolamp.robot.roll import BABBLE, NOBODY, RATES, said_of_doubles
+from robolamp.robot.roll import BABBLE, NOBODY, PATIENCE, RATES, said_of_doubles
 from robolamp.signals import Clock
 
 PUSH = 0.1
@@ -101,7 +101,7 @@ def assign(port: str | Port, clock: Clock, found: Found, id: int, baud: int, oth
     model = found.model
     if model is None and not found.doubled:
         raise SafetyError(f"servo {found.id} has model number {found.model_number}; known are {', '.join(MODELS)}")
-    bus = Bus(port, found.baud, clock, patience=SETTING_PATIENCE)
+    bus = Bus(port, found.baud, clock, patience=PATIENCE)
     bus.open()
     try:
         if model is None or bus.doubled(found.id):
@@ -124,7 +124,7 @@ def assign(port: str | Port, clock: Clock, found: Found, id: int, baud: int, oth
     finally:
         bus.close()
     clock.sleep_until(clock.now() + _TAKEN)
-    bus = Bus(port, baud, clock, patience=SETTING_PATIENCE)
+    bus = Bus(port, baud, clock, patience=PATIENCE)
     bus.open()
     try:
         if bus.ping(id) is None:

@@ -142,6 +142,13 @@ def test_wrong_settings_are_mended_on_demand(line: Responder, foot: Foot) -> Non
     }
 
 
+def test_a_servo_that_does_not_give_its_table_whole_is_read_register_by_register(line: Responder, foot: Foot) -> None:
+    line.servos[2].deaf_blocks.add(59)  # between two registers
+    line.servos[2][Name.VELOCITY_LIMIT] = 7
+    with pytest.raises(SafetyError, match=r"not ready: knee \(id 2\): Velocity Limit\(44\) is 7, not 445 "):
+        robot_lamp(line, foot).open()
+
+
 def test_fix_does_not_hide_what_it_cannot_mend(line: Responder, foot: Foot) -> None:
     line.servos[1][Name.RETURN_DELAY_TIME] = 250
     line.servos[3][Name.PRESENT_TEMPERATURE] = 60
