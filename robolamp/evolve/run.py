@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration, load_calibration
-from robolamp.controller.file import Controller, format_controller, slug
+from robolamp.controller.file import EVOLVED, TUNED, Controller, format_controller, slug
 from robolamp.errors import FileError, RobolampError
 from robolamp.evolve.breeding import choose, represent
 from robolamp.evolve.checkpoint import NAME as CHECKPOINT
@@ -104,6 +104,7 @@ def evolve(
         "tuning": tuning,
         "command": command,
         "reuse": reuse,
+        "origin": _origin(task, seeds),
         "task_sha256": hashlib.sha256(task.source.encode()).hexdigest(),
         "lamp": "" if assets.own is None else str(assets.own.resolve()),
         "terms": "" if terms is None else str(terms.resolve()),
@@ -126,6 +127,13 @@ def evolve(
         _refuse_taken(folder)
         run.begin()
         return run.go()
+
+
+def _origin(task: Task, seeds: Sequence[Controller]) -> str:
+    """Return where the controller of a run comes from: where nothing is bred, it is a seed with other numbers."""
+    if task.gp.generations > 1 or not seeds or any(seed.origin == EVOLVED for seed in seeds):
+        return EVOLVED
+    return TUNED
 
 
 def _refuse_taken(folder: Path) -> None:
@@ -475,6 +483,7 @@ class Run:
             joints=self._lamp.names,
             figure=LAMP if lamp else self._lamp.name,
             genome=self._representation.genes(champion),
+            origin=self._record["origin"],
             scores={
                 "fitness": state.fitness,
                 "hits": int(score.hits[0]),
