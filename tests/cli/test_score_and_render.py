@@ -44,7 +44,7 @@ def test_a_pole_is_scored(capsys: pytest.CaptureFixture[str], path: Path) -> Non
 
 @pytest.mark.parametrize("verb", ["score", "explain"])
 def test_how_a_controller_was_made_is_said(capsys: pytest.CaptureFixture[str], path: Path, verb: str) -> None:
-    words = (verb, written(path, "0", "0"), "--goals", "0.3", "--duration", "0.1")
+    words = (verb, written(path, "0", "0"), "--goals", "0.3", "--duration", "0.5")
     assert json.loads(call(capsys, *words, "--json")[1])["origin"] is None  # a file of 0.1.0 does not say
     path.write_text('origin = "by hand"\n' + path.read_text())
     assert json.loads(call(capsys, *words, "--json")[1])["origin"] == "by hand"
