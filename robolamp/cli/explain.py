@@ -12,10 +12,10 @@ from rich.console import Console
 from rich.text import Text
 
 from robolamp.cli.options import DURATION, GOAL_TIME, Setup, goal_range
-from robolamp.cli.output import counted, print_json
+from robolamp.cli.output import called, counted, print_json
 from robolamp.controller.branches import count_branches
 from robolamp.controller.expression import Expression, subtree_end
-from robolamp.controller.file import Controller, check_goal_time
+from robolamp.controller.file import BY_HAND, EVOLVED, TUNED, Controller, check_goal_time
 from robolamp.controller.layout import lay_out
 from robolamp.controller.simplify import simplify
 from robolamp.controller.terminals import all_terminals
@@ -25,6 +25,7 @@ from robolamp.twin.model import build
 
 _MOST_TICKS = 1e6  # to be recorded: about 170 MB
 _WIDTH = 100
+_AS = {EVOLVED: "as evolved", TUNED: "as tuned", BY_HAND: "as written", "": "as given"}
 _GUTTER = 10  # columns for the share of ticks, left of an expression
 
 
@@ -79,7 +80,15 @@ def explain(
             _described(name, expression, terminals, inputs)
             for name, expression in zip(loaded.joints, loaded.expressions, strict=True)
         ]
-        print_json({"controller": loaded.name, "goals_m": distances, "ticks": len(inputs), "joints": joints})
+        print_json(
+            {
+                "controller": loaded.name,
+                "origin": loaded.origin or None,
+                "goals_m": distances,
+                "ticks": len(inputs),
+                "joints": joints,
+            }
+        )
         return 0
     _print(loaded, terminals, distances, inputs, duration)
     return 0
@@ -134,7 +143,7 @@ def _print(
 ) -> None:
     console = Console(highlight=False, soft_wrap=True)
     reach = f"{goals[0] * 100:g} cm" if len(goals) == 1 else f"{goals[0] * 100:g} to {goals[-1] * 100:g} cm"
-    console.print(Text(controller.name, "italic"), end="")
+    console.print(Text(called(controller), "italic"), end="")
     console.print(
         f": goal angles in rad. Left of each branch: at which share of {counted(len(inputs), 'tick')} it was taken,"
         f"\nin {counted(len(goals), 'run')} on the twin, {reach}, {duration:g} s each."
@@ -152,7 +161,7 @@ def _print(
         if before == after:  # as many nodes, differently written at most
             console.print(Text(f"  {counted(before, 'node')}, as simple as it gets", "dim"), evolved, sep="\n")
             continue
-        console.print(Text(f"  as evolved, {counted(before, 'node')}", "dim"), evolved, sep="\n")
+        console.print(Text(f"  {_AS[controller.origin]}, {counted(before, 'node')}", "dim"), evolved, sep="\n")
         title = Text(f"  simplified, {counted(after, 'node')}", "dim")
         console.print(title, _annotated(simple, terminals, inputs), sep="\n")
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from robolamp.controller.file import Controller
 from robolamp.errors import RobolampError
 
 
@@ -43,6 +44,11 @@ def print_json(value: Mapping[str, Any]) -> None:
         raise
     except OSError as error:
         raise RobolampError(f"cannot be written: {error.strerror or error}", "stdout") from None
+
+
+def called(controller: Controller) -> str:
+    """Return a controller's name and, where its file says it, what made it: "hop (tuned)"."""
+    return f"{controller.name} ({controller.origin})" if controller.origin else controller.name
 
 
 def counted(count: int, thing: str) -> str:

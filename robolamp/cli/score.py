@@ -14,7 +14,7 @@ from rich.text import Text
 from robolamp.cli.bar import bar
 from robolamp.cli.figures import stage_of
 from robolamp.cli.options import DURATION, GOAL_TIME, Setup, goal_range
-from robolamp.cli.output import counted, print_json
+from robolamp.cli.output import called, counted, print_json
 from robolamp.cli.pole import pole_of
 from robolamp.controller.file import check_goal_time
 from robolamp.controller.terminals import all_terminals
@@ -81,8 +81,8 @@ def score(
     lamp
         A folder of your own lamp, laid out like robolamp's (sim/, hardware/, calibration/).
     as_json
-        Print one JSON object: goals_m, errors_m, hops, flight_share (for a figure directions_rad, fitness, collided)
-        a goal (and lamp), hits, hits_1997, falls, upright, pole_hits.
+        Print one JSON object: origin (evolved, tuned, by hand); goals_m, errors_m, hops, flight_share (for a figure
+        directions_rad, fitness, collided) a goal (and lamp); hits, hits_1997, falls, upright, pole_hits.
     """
     setup = Setup.of(lamp, calibration)
     lamp_alone = {
@@ -125,6 +125,7 @@ def score(
         print_json(
             {
                 "controller": loaded.name,
+                "origin": loaded.origin or None,
                 "goals_m": distances,
                 "errors_m": outcome.error.reshape(shape),
                 "hops": outcome.hops.astype(int).reshape(shape),
@@ -142,7 +143,7 @@ def score(
             }
         )
         return 0
-    _print(loaded.name, distances, outcome, len(twins), drawn_from, limbo)
+    _print(called(loaded), distances, outcome, len(twins), drawn_from, limbo)
     return 0
 
 

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from robolamp.cli.bar import bar
 from robolamp.cli.figures import Stage
-from robolamp.cli.output import counted, print_json
+from robolamp.cli.output import called, counted, print_json
 from robolamp.controller.terminals import figure_terminals
 from robolamp.evolve.fitness import weighted
 from robolamp.figure import POINT
@@ -37,6 +37,7 @@ def score_figure(
         print_json(
             {
                 "controller": controller.name,
+                "origin": controller.origin or None,
                 "figure": figure.name,
                 "task": stage.task.name,
                 "goals_m": outcome.goal,
@@ -66,7 +67,7 @@ def score_figure(
 
 
 def _print(stage: Stage, outcome: FigureOutcome, fitness: np.ndarray) -> None:
-    table = Table(title=Text(f"{stage.controller.name} in task {stage.task.name}", "italic"), title_justify="left")
+    table = Table(title=Text(f"{called(stage.controller)} in task {stage.task.name}", "italic"), title_justify="left")
     for column in ("goal", "direction", "ends off by", "jumps", "collided", "upright", "hit", "fitness"):
         table.add_column(column, justify="right")
     order = np.argsort(outcome.direction, kind="stable")

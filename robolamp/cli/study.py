@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +16,7 @@ from robolamp.cli.options import Setup
 from robolamp.cli.output import counted, print_json
 from robolamp.errors import RobolampError
 from robolamp.evolve.progress import Generation
-from robolamp.evolve.study import HERE, STUDIES, TASK, Order, chosen_points, orders, settled
+from robolamp.evolve.study import HERE, STUDIES, TASK, Order, Point, chosen_points, orders, settled
 from robolamp.evolve.study_report import Report, Reporter
 from robolamp.evolve.study_runs import Scale, Shelf, carry_out
 from robolamp.files import suffix_of
@@ -94,7 +95,8 @@ def study(
             shelf.claim(scale)
             _run(wanted, shelf, setup, scale, workers, quiet=as_json)
     reporter = Reporter(shelf, scale, setup.lamp, setup.calibration, setup.assets, workers)
-    result = reporter.write(page, every, _command(which, output, seeds, points, scale))
+    made_by = _Made(which, output, report, calibration, lamp, scale, shelf)
+    result = reporter.write(page, every, made_by.commands(every) or [made_by.command(which, seeds, points)])
     finished = sum(shelf.curve(order) is not None for order in wanted)
     if as_json:
         print_json(
@@ -152,13 +154,70 @@ def _run(
         bar.update(whole, count=f"{done} of {counted(len(wanted), 'run')}")
 
 
-def _command(which: str, output: Path, seeds: int, points: str, scale: Scale) -> str:
-    """The command as typed, but for what a machine would not share: an absolute folder is named by its last part."""
-    folder = output.name if output.is_absolute() else str(output)
-    words = ["robolamp", "study", which, "-o", folder, "--seeds", str(seeds), "--points", points]
-    for setting in scale.settings:
-        words += ["--set", setting]
-    return shlex.join(words)
+@dataclass(frozen=True)
+class _Made:
+    """How a page is made: commands that give what it shows, which may be of several calls, on any machine.
+
+    Absolute folders are named by their last part.
+    """
+
+    which: str
+    output: Path
+    report: Path | None
+    calibration: str
+    lamp: Path | None
+    scale: Scale
+    shelf: Shelf
+
+    def command(self, which: str, seeds: int, points: str, *, page: bool = True) -> str:
+        """Return the command of these runs, and (unless told not to) of the page."""
+        words = ["-o", _named(self.output), "--seeds", str(seeds), "--points", points]
+        for setting in self.scale.settings:
+            words += ["--set", setting]
+        return self._joined(which, words, page=page)
+
+    def commands(self, every: Mapping[str, Mapping[str, Point]]) -> list[str]:
+        """Return the commands of all finished runs of some studies; none where no run is finished.
+
+        Args:
+            every: Of each study, by name, its points as they are run, by the value as typed.
+        """
+        found = [(name, seeds, points) for name in every for seeds, points in self._finished(every[name]).items()]
+        if self.which != _ALL:
+            return [self.command(name, seeds, _typed(name, points)) for name, seeds, points in found]
+        for points in ("paper", "small"):
+            whole = [chosen_points(STUDIES[name], points) for name in every]
+            if [chosen for _, _, chosen in found] == whole and len({seeds for _, seeds, _ in found}) == 1:
+                return [self.command(_ALL, found[0][1], points)]
+        if not found:
+            return []
+        apart = [self.command(name, seeds, _typed(name, points), page=False) for name, seeds, points in found]
+        return [*apart, self._joined(_ALL, ["-o", _named(self.output), "--draw-only"], page=True)]
+
+    def _joined(self, which: str, words: list[str], *, page: bool) -> str:
+        if self.calibration != "nominal":
+            words += ["--calibration", _named(Path(self.calibration))]
+        if self.lamp is not None:
+            words += ["--lamp", _named(self.lamp)]
+        if page and self.report is not None:
+            words += ["--report", _named(self.report)]
+        return shlex.join(["robolamp", "study", which, *words])
+
+    def _finished(self, points: Mapping[str, Point]) -> dict[int, tuple[str, ...]]:
+        """Return the points of finished runs by how many seeds they have."""
+        groups: dict[int, tuple[str, ...]] = {}
+        for name, point in points.items():
+            if seeds := max(self.shelf.curves(point), default=0):
+                groups[seeds] = (*groups.get(seeds, ()), name)
+        return groups
+
+
+def _named(path: Path) -> str:
+    return path.name if path.is_absolute() else str(path)
+
+
+def _typed(name: str, points: tuple[str, ...]) -> str:
+    return "paper" if points == chosen_points(STUDIES[name], "paper") else ",".join(points)
 
 
 def _print(result: Report, finished: int, wanted: int, here: str) -> None:

@@ -18,6 +18,10 @@ from robolamp.errors import ExpressionError, FileError
 from robolamp.figure import DRIVES, LAMP, Driven, Figure
 from robolamp.files import Table, read_text, read_toml, write_atomic
 
+EVOLVED, TUNED, BY_HAND = "evolved", "tuned", "by hand"
+ORIGINS = (EVOLVED, TUNED, BY_HAND)
+"""Where a controller's expressions come from: bred; written by hand, their numbers found by a search; all by hand."""
+
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,63}")  # it becomes part of a folder's name
 _LONGEST = 64
 
@@ -78,6 +82,7 @@ class Controller:
         source: The file's text; empty for one that was never in a file.
         figure: What it drives.
         genome: The gene of each joint that the expressions were decoded from, by joint; empty where they were not.
+        origin: Where the expressions come from, one of ORIGINS; empty where the file does not say, as in 0.1.0.
     """
 
     name: str
@@ -91,6 +96,7 @@ class Controller:
     source: str = field(default="", repr=False)
     figure: str = LAMP
     genome: Mapping[str, str] = field(default_factory=dict)
+    origin: str = ""
 
     @property
     def terminals(self) -> tuple[str, ...]:
@@ -214,6 +220,7 @@ def load_controller(path: Path, driven: Driven, *, on_board: bool = False) -> Co
     controller = Controller(
         name=_name(root),
         task=root.text("task", default=""),
+        origin=root.text("origin", ORIGINS, default=""),
         drive=root.text("drive", DRIVES if own != LAMP else ("position",), default="position"),
         control_period=root.number("control_period", 0.002, 0.1, "s", default=0.02),
         expressions=expressions,
@@ -244,6 +251,8 @@ def format_controller(controller: Controller) -> str:
     document["schema"] = 1
     document["name"] = controller.name
     document["task"] = controller.task
+    if controller.origin:
+        document["origin"] = controller.origin
     if controller.figure != LAMP:
         document["figure"] = controller.figure
     document["drive"] = controller.drive

@@ -20,7 +20,8 @@ def write_record(record: Mapping[str, Any], folder: Path) -> None:
     """Write what a run is started with, and on which machine.
 
     Args:
-        record: seed, tuning, command, reuse, lamp, terms, and hashes; of the lamp's runs, the calibration.
+        record: seed, tuning, command, reuse, marks of the seeds, lamp, terms, and hashes; of the lamp's runs, the
+            calibration.
         folder: The run's folder.
 
     Raises:
@@ -45,6 +46,7 @@ def read_record(folder: Path) -> dict[str, Any]:
     root.integer("schema", 1, 1)
     record: dict[str, Any] = {name: root.integer(name, 0, 2**63) for name in ("seed", "tuning")}
     record["reuse"] = root.flag("reuse")
+    record["seeds"] = root.text("seeds", default=None)  # 0.1.0 did not write it
     texts = (
         "command",
         "lamp",

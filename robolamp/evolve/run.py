@@ -24,6 +24,7 @@ from robolamp.evolve.checkpoint import Checkpoint, load_checkpoint, save_checkpo
 from robolamp.evolve.figures import compiled, drive_of, driven_by
 from robolamp.evolve.fitness import load_terms
 from robolamp.evolve.machine import differences, machine
+from robolamp.evolve.origin import marks, origin_of
 from robolamp.evolve.progress import NAME as PROGRESS
 from robolamp.evolve.progress import Generation, Result, read_progress, write_progress
 from robolamp.evolve.race import Contest, Memory, Race, fitness
@@ -104,6 +105,7 @@ def evolve(
         "tuning": tuning,
         "command": command,
         "reuse": reuse,
+        "seeds": marks(seeds),
         "task_sha256": hashlib.sha256(task.source.encode()).hexdigest(),
         "lamp": "" if assets.own is None else str(assets.own.resolve()),
         "terms": "" if terms is None else str(terms.resolve()),
@@ -465,16 +467,18 @@ class Run:
         state.fitness = float(score.main[0] + score.style[0])
         lamp = isinstance(self._task.figure, str)
         calibrated = {"calibration": self._calibration.name, "calibration_sha256": self._calibration.hash}
+        expressions = self._representation.decode(champion)
         calibrated = calibrated if lamp else {"figure_sha256": self._twin}
         controller = Controller(
             name=slug(self._folder.resolve().name),
             task=self._task.name,
             drive=drive_of(self._task),
             control_period=self._task.control_period,
-            expressions=self._representation.decode(champion),
+            expressions=expressions,
             joints=self._lamp.names,
             figure=LAMP if lamp else self._lamp.name,
             genome=self._representation.genes(champion),
+            origin="" if self._record["seeds"] is None else origin_of(expressions, self._record["seeds"]),
             scores={
                 "fitness": state.fitness,
                 "hits": int(score.hits[0]),

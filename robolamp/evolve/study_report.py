@@ -110,13 +110,13 @@ class Reporter:
         self._shelf, self._scale, self._workers = shelf, scale, workers
         self._lamp, self._calibration, self._assets = lamp, calibration, assets
 
-    def write(self, path: Path, points: Mapping[str, Mapping[str, Point]], command: str) -> Report:
+    def write(self, path: Path, points: Mapping[str, Mapping[str, Point]], commands: Sequence[str]) -> Report:
         """Write a report from the runs that are finished.
 
         Args:
             path: The page (Markdown).
             points: Of each study, by name, its points as they are run, by the value as typed.
-            command: What makes the runs and the page.
+            commands: What makes the runs and the page.
 
         Raises:
             FileError: A run is damaged, or something cannot be written.
@@ -128,7 +128,7 @@ class Reporter:
                 pictures.append(data / f"{section.study.name}.png")
                 write_atomic(pictures[-1], section.picture)
                 write_atomic(data / f"{section.study.name}.csv", _csv(section.rows))
-        write_atomic(path, self._page(sections, data.name, command))
+        write_atomic(path, self._page(sections, data.name, commands))
         return Report(path, tuple(pictures), tuple(verdict for section in sections for verdict in section.verdicts))
 
     def _section(self, study: Study, settled: Mapping[str, Point]) -> _Section:
@@ -168,15 +168,20 @@ class Reporter:
         )  # fmt: skip
         return dict(zip(seeds, found, strict=True))
 
-    def _page(self, sections: Sequence[_Section], data: str, command: str) -> str:
+    def _page(self, sections: Sequence[_Section], data: str, commands: Sequence[str]) -> str:
         settings = ", ".join(f"`{word}`" for word in self._scale.settings)
         versions = ", ".join(f"{name} {text}" for name, text in machine().items() if name in _VERSIONS)
         scale = (
             f"Task `{self._shelf.task}`"
             + (f" with {settings}" if settings else " as it stands")
-            + (f", calibration `{self._scale.calibration}`" if self._shelf.task != JUMPER else "")
-            + f"; {versions}. The command, which goes on where it was stopped:\n\n"
-            f"```\n{command}\n```\n"
+            + (
+                f", calibration `{self._scale.calibration}`, flights of {self._lamp.flight_time * 1e3:g} ms or longer"
+                if self._shelf.task != JUMPER
+                else ""
+            )
+            + f"; {versions}. What makes these runs and this page, and goes on where it was stopped:\n\n"
+            + "\n".join(["```", *commands, "```"])
+            + "\n"
         )
         verdicts = [(section, verdict) for section in sections for verdict in section.verdicts]
         summary = [f"| the claim | {HERE[self._shelf.task]} |", "| --- | --- |"]

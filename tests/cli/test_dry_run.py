@@ -42,6 +42,7 @@ def test_it_hops_to_the_goal(ran: tuple[Path, dict]) -> None:
     assert said["ended"] == "finished"
     assert not said["fell"]
     assert said["hops"] >= 2
+    assert 2 <= said["hops_flown"] <= said["hops"]
     assert abs(said["error_m"]) < 0.05
     assert said["error_m"] == pytest.approx(said["landed_m"] - 0.2)
 

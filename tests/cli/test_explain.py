@@ -54,7 +54,7 @@ def test_for_people(capsys: pytest.CaptureFixture[str], nod: Path) -> None:
     assert (code, err) == (0, "")
     assert "share of 50 ticks" in " ".join(out.split())
     assert "ankle: reads nothing; a0 changes nothing" in out
-    assert "  as evolved, 7 nodes" in out
+    assert "  as given, 7 nodes" in out
     assert "  simplified, 1 node\n" in out
     assert "knee: reads t, hops; w2 changes nothing" in out
     lines = out.splitlines()

@@ -44,6 +44,15 @@ def test_a_pole_is_scored(capsys: pytest.CaptureFixture[str], path: Path) -> Non
     assert "1 pole hit;" in out
 
 
+@pytest.mark.parametrize("verb", ["score", "explain"])
+def test_how_a_controller_was_made_is_said(capsys: pytest.CaptureFixture[str], path: Path, verb: str) -> None:
+    words = (verb, written(path, "0", "0"), "--goals", "0.3", "--duration", "0.5")
+    assert json.loads(call(capsys, *words, "--json")[1])["origin"] is None  # a file of 0.1.0 does not say
+    path.write_text('origin = "by hand"\n' + path.read_text())
+    assert json.loads(call(capsys, *words, "--json")[1])["origin"] == "by hand"
+    assert "c (by hand)" in call(capsys, *words)[1]
+
+
 def test_a_time_to_take_is_scored(capsys: pytest.CaptureFixture[str], path: Path) -> None:
     timed = written(path, "(ifltz (- goal_time 1) 0 0.6)", "(ifltz (- goal_time 1) 0 -1)")
     words = ("score", timed, "--goals", "0.3", "--duration", "2", "--json")

@@ -92,6 +92,32 @@ def test_a_run_stopped_before_its_first_checkpoint_is_begun_again(
     assert json.loads(call(capsys, *words)[1])["finished"] == 1
 
 
+def test_the_page_names_the_commands_that_make_what_it_shows(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    page, folder = tmp_path / "page.md", ("-o", tmp_path / "runs")
+    for points, seeds in (("0", 2), ("90", 1)):
+        assert call(capsys, "study", "crossover", *folder, "--points", points, "--seeds", seeds, *TINY)[0] == 0
+    words = ("--draw-only", "--report", page)
+    assert call(capsys, "study", "crossover", *folder, *words)[0] == 0
+    commands = re.findall("^robolamp study .*$", page.read_text(), re.MULTILINE)
+    assert [re.sub(" --set [^ ]+", "", command) for command in commands] == [
+        "robolamp study crossover -o runs --seeds 2 --points 0 --report page.md",
+        "robolamp study crossover -o runs --seeds 1 --points 90 --report page.md",
+    ]
+
+
+def test_a_page_of_all_studies_names_those_of_each(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    page, folder = tmp_path / "page.md", ("-o", tmp_path / "runs")
+    small = ("--set", "duration=0.1", "--set", "timestep=0.004")
+    assert call(capsys, "study", "population", *folder, "--points", "10", "--seeds", 1, *small)[0] == 0
+    assert call(capsys, "study", "all", *folder, "--draw-only", "--report", page)[0] == 0
+    assert re.findall("^robolamp study .*$", page.read_text(), re.MULTILINE) == [
+        f"robolamp study population -o runs --seeds 1 --points 10 {' '.join(small)}",
+        "robolamp study all -o runs --draw-only --report page.md",
+    ]
+
+
 def test_drawing_only_takes_the_scale_from_the_runs(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     words = ("study", "crossover", "-o", tmp_path / "runs")
     assert call(capsys, *words, "--points", "90", "--seeds", 1, *TINY)[0] == 0

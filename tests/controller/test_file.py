@@ -80,6 +80,7 @@ def test_the_papers_list_is_accepted_for_the_table(tmp_path: Path) -> None:
         ("control_period = 0.02", "control_period = nan", "control_period: nan is not a number"),
         ("control_period = 0.02", 'control_period = "fast"', "control_period: 'fast' is not a number"),
         ("control_period = 0.02", "control_periode = 0.02", "control_periode: unknown; expected one of"),
+        ("control_period = 0.02", 'origin = "bred"', "origin: 'bred' is not one of evolved, tuned, by hand"),
         ("control_period = 0.02", 'drive = "velocity"', "drive: 'velocity' is not one of position"),
         ("control_period = 0.02", "scores = 1", "not valid TOML"),
         ('"t", "a0"', '"t", "q7"', "terminals: unknown 'q7'; expected some of t a0"),

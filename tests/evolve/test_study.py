@@ -165,7 +165,7 @@ def test_a_report_of_made_up_runs(tmp_path: Path) -> None:
         for seed in (1, 2, 3):
             made_up.run(shelf, points[name], seed, final + 0.01 * seed)
     page = tmp_path / "docs" / "report.md"
-    report = reporter(shelf).write(page, {"population": points}, "robolamp study population --seeds 3")
+    report = reporter(shelf).write(page, {"population": points}, ["robolamp study population --seeds 3"])
     assert [verdict.verdict for verdict in report.verdicts] == ["agrees", "agrees"]
     [picture] = report.pictures
     with Image.open(picture) as image:
@@ -185,14 +185,14 @@ def test_a_report_of_made_up_runs(tmp_path: Path) -> None:
     assert "`duration=0.5`, `timestep=0.004`" in text
     assert "robolamp study population --seeds 3\n" in text
     again = (page.read_bytes(), picture.read_bytes())
-    reporter(shelf).write(page, {"population": points}, "robolamp study population --seeds 3")
+    reporter(shelf).write(page, {"population": points}, ["robolamp study population --seeds 3"])
     assert (page.read_bytes(), picture.read_bytes()) == again
 
 
 def test_a_report_without_runs_says_so(tmp_path: Path) -> None:
     shelf = made_up.shelf(tmp_path / "runs")
     report = reporter(shelf).write(
-        tmp_path / "r.md", {name: all_points(name) for name in STUDIES}, "robolamp study all"
+        tmp_path / "r.md", {name: all_points(name) for name in STUDIES}, ["robolamp study all"]
     )
     assert report.pictures == ()
     assert {verdict.verdict for verdict in report.verdicts} == {"cannot tell"}
@@ -208,7 +208,7 @@ def test_a_report_tries_champions_on_other_goals(tmp_path: Path) -> None:
     for point in points["specific"].values():
         for seed in (1, 2):
             made_up.run(shelf, point, seed)
-    report = reporter(shelf).write(tmp_path / "r.md", points, "robolamp study specific")
+    report = reporter(shelf).write(tmp_path / "r.md", points, ["robolamp study specific"])
     assert [path.name for path in report.pictures] == ["specific.png", "distance.png"]
     rows = list(csv.DictReader(io.StringIO((tmp_path / "r" / "distance.csv").read_text())))
     assert len(rows) == 2 * (56 + 12)
