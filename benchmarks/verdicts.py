@@ -52,6 +52,7 @@ DURATION = 8.0  # s: time for goals to 60 cm
 STARTED = 2.1  # s of lamp time: the soft start is over, the controller drives
 HIT, REST, TILT = 0.015, 0.005, np.radians(15)  # m, m in the last half second, rad
 GOOD, MISS, BROKEN = "good", "miss", "broken"
+CELLS = ("done, inside", "done, outside", "not done, inside", "not done, outside", "cannot say")
 TRIES = 12  # seeds of one place
 
 
@@ -96,8 +97,15 @@ class Row:
     why: str
 
     @property
+    def cell(self) -> str:
+        """Return its column of the small table."""
+        if "cannot say" in (self.task, self.verdict):
+            return "cannot say"
+        return f"{self.task}, {'inside' if self.verdict == 'inside' else 'outside'}"
+
+    @property
     def praised(self) -> bool:
-        return (self.task, self.verdict) == ("done", "inside")
+        return self.cell == "done, inside"
 
 
 class Timed(StopRequest):
@@ -303,7 +311,7 @@ def told(row: Row) -> str:
     fell = "fell" if row.fell else "hit" if row.hit else "miss"
     return (
         f"{row.group:<7} {row.what:<26} {row.seed:>5} {row.goal * 100:5.0f} {row.landed * 100:7.1f} {fell:<5} "
-        f"{row.alone * 100:6.1f}  {row.task:<10} {row.verdict:<10} {row.why[:150]}"
+        f"{row.alone * 100:6.1f}  {row.task:<10} {row.verdict:<10} {row.why}"
     )
 
 
@@ -322,6 +330,10 @@ def main() -> int:
             print(told(row), flush=True)
     bad, fine = [row for row in rows if row.group != GOOD], [row for row in rows if row.group == GOOD]
     unsure = [row for row in rows if "cannot say" in (row.task, row.verdict)]
+    print(f"{'':<7} {'of':>3} {' '.join(f'{name:>19}' for name in CELLS)}")
+    for group in (GOOD, MISS, BROKEN):
+        own = [row for row in rows if row.group == group]
+        print(f"{group:<7} {len(own):3} {' '.join(f'{sum(row.cell == name for row in own):19}' for name in CELLS)}")
     praised = sum(row.praised for row in fine), sum(row.praised for row in bad)
     print(
         f"done and inside: {praised[0]} of {len(fine)} good runs, {praised[1]} of {len(bad)} bad ones; cannot say: "

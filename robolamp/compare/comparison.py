@@ -113,6 +113,7 @@ class Comparison:
             "verdict_why": list(self.judged.why),
             "twin_alone_m": alone.travel,
             "twin_alone_hops": None if alone.why else alone.hops,
+            "hops_flown": self.landing.flown,
             "twin_alone_fell": None if alone.why else alone.fell,
         }
 
@@ -124,7 +125,6 @@ class Comparison:
             "against": "twin" if self.reference is None else str(self.reference.path),
             "joints": [self._joint(index, joint) for index, joint in enumerate(self.joints)],
             "hops": self.lamp.hops,
-            "hops_flown": self.landing.flown,
             "twin_hops": self.other.hops,
             "flights": [_flight(hop) for hop in self.flights],
             "fell": self.lamp.fell,

@@ -198,7 +198,7 @@ def _lose(run: Run, joint: int, ticks: slice) -> Run:
         (lambda it: it.verdict(travel=math.nan), "cannot say", "travel unknown"),
         (lambda it: it.verdict(fell=True), "outside", "the lamp fell, the twin did not"),
         (lambda it: it.verdict(found=[Hop(Flight(1.0, 1.1), None)]), "outside", "hop 1: only on the lamp"),
-        (lambda it: it.verdict(found=[Hop(None, Flight(1.0, 1.1))]), "outside", "hop 1: only of the twin"),
+        (lambda it: it.verdict(found=[Hop(None, Flight(1.0, 1.1))]), "outside", "hop 1: only on the twin"),
         (lambda it: it.verdict(_lose(it.run, 1, slice(40, 41))), "outside", "knee: 1 of 200 readings are missing"),
         (lambda it: it.verdict(_lose(it.run, 2, slice(0, 150))), "outside", "neck: 150 of 200 readings are missing"),
         (
