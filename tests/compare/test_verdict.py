@@ -269,6 +269,7 @@ def test_the_truth_beside_a_log_is_found_and_another_runs_is_passed_over(good, t
     (tmp_path / "mine.truth.mcap").write_bytes(good.with_name("truth.mcap").read_bytes())
     assert truth_of(run, None).path == tmp_path / "mine.truth.mcap"
     (tmp_path / "mine.truth.mcap").unlink()
+    assert truth_of(dataclasses.replace(run, context={**run.context, "backend": "twin"}), None) is None
     other = dataclasses.replace(run, log_time=run.log_time + 10**15)
     assert truth_of(other, None) is None
     with pytest.raises(FileError, match="it is of another run"):
