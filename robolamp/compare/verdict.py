@@ -152,7 +152,7 @@ def _faults(run: Run) -> Iterator[str]:
     for text, count in faults.most_common(3):
         yield f"a fault while the controller drove: {text}" + (f" ({count} ticks)" if count > 1 else "")
     if len(faults) > 3:
-        yield f"{len(faults) - 3} more kinds of fault while it drove"
+        yield f"{len(faults) - 3} more kind{'s' * (len(faults) > 4)} of fault while it drove"
 
 
 def _ended(endings: Sequence[Ending], other: Side) -> Iterator[str]:
