@@ -154,6 +154,8 @@ def _tell_folder(folder: Folder, report: Path) -> None:
             f"{_cm(row.travel):>8} {_cm(row.alone.travel):>8} {_cm(row.twin_travel):>8} "
             f"{row.mae * 1e3:5.1f} mrad {row.lag * 1e3:+6.1f} ms  {row.log.relative_to(folder.path)}"
         )
+        if row.why:
+            print(f"    {row.why}")
     for path, why in folder.skipped:
         print(f"  skipped {path.relative_to(folder.path)}: {why}")
     print("\n".join(folder.sentences()))

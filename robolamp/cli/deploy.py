@@ -78,7 +78,8 @@ def deploy(
             )
 
     from robolamp.cli.drive import Drive, drive, run_folder  # after the arguments are checked
-    from robolamp.cli.outcome import account, ended, facts, reporting, tell, tell_of_none, tell_of_shadow, tidying, told
+    from robolamp.cli.outcome import account, ended, facts, reporting, tell, tell_of_none, tell_of_shadow, tidying
+    from robolamp.cli.parts import told
     from robolamp.cli.stages import STAGES, check_before
     from robolamp.compare.run import compare_log
     from robolamp.runtime.stop import StopRequest

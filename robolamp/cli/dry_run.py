@@ -60,7 +60,8 @@ def dry_run(
     distance = length(goal, "--goal")
 
     from robolamp.cli.drive import Drive, drive, run_folder  # after the arguments are checked
-    from robolamp.cli.outcome import account, ended, facts, reporting, tell, tell_of_none, tidying, told
+    from robolamp.cli.outcome import account, ended, facts, reporting, tell, tell_of_none, tidying
+    from robolamp.cli.parts import told
     from robolamp.compare.run import compare_log
     from robolamp.emulator.faults import Faults, load_faults
     from robolamp.emulator.reality import load_reality

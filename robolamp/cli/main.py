@@ -43,8 +43,12 @@ did not, switch the supply off.""",
 hardware/README.md says when to take which step. Torque stays off throughout. With --json each prints one object.""",
     "compare": """Compare a run of the lamp with its twin or with another run, and write a report.
 
-The twin replays the log's goals; two logs are laid over each other; a folder of runs gives a trend and how well twin
-and lamp agree over controllers. Exit code 0: inside the tolerances; 1: outside; 2: could not compare.""",
+Says three things first: did it do the task; does the twin explain it, driven with the goals that the lamp was sent; and
+what does the controller do alone on the twin. The twin replays the log's goals; two logs are laid over each other; a
+folder of runs gives a trend and how well twin and lamp agree over controllers.
+
+Exit code 0: inside the tolerances, and nothing says that the task was not done; 1: outside, not done, or cannot say
+whether it is inside; 2: could not compare. A folder is 0 or 2.""",
     "calibrate": "Make the twin predict a lamp or a servo: record it, fit what the recordings tell, judge, report.",
     "score": "Score a controller on the twin, over many goals and lamps.",
     "explain": "Show how a controller works: its expressions, simplified; the signals they read; the branches taken.",

@@ -17,8 +17,6 @@ from rich.text import Text
 
 from robolamp.cli.drive import Drive
 from robolamp.cli.output import print_json
-from robolamp.compare.comparison import Comparison
-from robolamp.compare.report import sentence, three
 from robolamp.compare.task import NOT_DONE
 from robolamp.log.reader import read_run
 from robolamp.runtime.result import RunResult
@@ -66,21 +64,6 @@ def account(result: RunResult) -> str:
         f"Ticks {result.ticks}, missed {result.missed_ticks}, envelope interventions"
         f" {result.interventions.total}, faults: {faults}."
     )
-
-
-def told(comparison: Comparison) -> tuple[str, str]:
-    """Return the three parts of a run's verdict for a terminal: the task's word, and everything after it.
-
-    Args:
-        comparison: Of the run.
-    """
-    (_, word, why), (_, verdict, reasons), (_, alone, did) = three(comparison)
-    lines = [
-        f" {why}",
-        f"Twin, replaying the goals that the lamp was sent: {verdict.lower()}. {reasons} {sentence(comparison)}",
-        f"Controller alone on the twin: {alone.lower()}. {did}",
-    ]
-    return f"{word}.", "\n".join(" ".join(line.split()) if place else line for place, line in enumerate(lines))
 
 
 def tell(headline: str, rest: str) -> None:

@@ -114,6 +114,7 @@ class Comparison:
             "hops_flown": self.landing.flown,
             "twin_alone_m": alone.travel,
             "twin_alone_hops": None if alone.why else alone.hops,
+            "hops_flown": self.landing.flown,
             "twin_alone_fell": None if alone.why else alone.fell,
         }
 

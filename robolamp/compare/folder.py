@@ -71,6 +71,12 @@ class Row:
     alone: Alone
 
     @property
+    def why(self) -> str:
+        """Return why it is not done, or not inside; empty where it is both."""
+        words = (self.task.word, self.task.why, DONE), (self.judged.word, self.judged.why, INSIDE)
+        return "; ".join(f"{word}: {'; '.join(why)}" for word, why, well in words if word != well)
+
+    @property
     def score(self) -> float:
         """Return the lamp's landing error |travel - goal| [m]; NaN where nobody knows. Smaller is better."""
         return abs(self.travel - self.goal)

@@ -37,6 +37,11 @@ def write_folder_report(folder: Folder, path: Path) -> None:
     skipped = "".join(
         f"<li>{text(str(where.relative_to(folder.path)))}: {text(why)}</li>" for where, why in folder.skipped
     )
+    reasons = "".join(
+        f"<li><b>{text(str(row.log.relative_to(folder.path)))}</b>: {text(row.why)}</li>"
+        for row in folder.rows
+        if row.why
+    )
     head = (
         "<th>began</th><th>task</th><th>twin explains</th><th>controller</th><th>goal <small>cm</small></th>"
         "<th>lamp <small>cm</small></th><th>twin alone <small>cm</small></th>"
@@ -50,7 +55,8 @@ def write_folder_report(folder: Folder, path: Path) -> None:
         "<section><h2>The runs</h2><p class='note'>Twin alone: where the controller lands in its own closed loop on "
         "the twin. Replay: where the twin lands on the goals that the lamp was sent; that is what “twin explains” is "
         f"about.</p><div class='scroll'><table class='numbers'><thead><tr>{head}</tr></thead>"
-        f"<tbody>{rows}</tbody></table></div>{f'<h3>Skipped</h3><ul>{skipped}</ul>' if skipped else ''}</section>"
+        f"<tbody>{rows}</tbody></table></div>{f'<h3>Why</h3><ul>{reasons}</ul>' if reasons else ''}"
+        f"{f'<h3>Skipped</h3><ul>{skipped}</ul>' if skipped else ''}</section>"
         f"<section><h2>Over time</h2>{_trend(folder)}</section>"
         "<section><h2>Lamp against twin</h2><p class='note'>A score is the landing error, the distance between where "
         "the base came to rest and the goal: of the lamp by its truth log or the ruler (travel.csv), of the twin on "
@@ -70,9 +76,8 @@ def _row(folder: Folder, row: Row) -> str:
     body = "".join(f"<td>{cell}</td>" for cell in cells)
     log = text(str(row.log.relative_to(folder.path)))
     words = "".join(
-        f"<td class='{'good' if word in (DONE, INSIDE) else 'open' if word == CANNOT_SAY else 'bad'}'>"
-        f"<span title='{text('; '.join(why))}'>{text(word)}</span></td>"
-        for word, why in ((row.task.word, row.task.why), (row.judged.word, row.judged.why))
+        f"<td class='{'good' if word in (DONE, INSIDE) else 'open' if word == CANNOT_SAY else 'bad'}'>{text(word)}</td>"
+        for word in (row.task.word, row.judged.word)
     )
     return f"<tr><th>{began}</th>{words}<td>{text(row.controller)}</td>{body}<td class='file'>{log}</td></tr>"
 

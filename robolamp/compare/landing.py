@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robolamp.compare.side import origin
+from robolamp.compare.side import covers, origin
 from robolamp.lamp import Lamp
 from robolamp.log.reader import Run, Truth
 from robolamp.twin.flown import flown
 from robolamp.twin.judge import REST_WINDOW
-
-_SLACK = 0.1  # a truth that begins later, or ends earlier, than the run by more than this does not cover it [s]
 
 
 @dataclass(frozen=True)
@@ -50,7 +48,7 @@ def landing_of(run: Run, truth: Truth | None, lamp: Lamp) -> Landing:
     begin, end = float(run.began[0]), float(run.write_done[-1])
     stop = float(run.scheduled[rows[-1]]) + run.control_period if rows.size else end
     fell = bool(truth.fallen[(at >= begin) & (at <= end)].any())
-    if at[0] > begin + _SLACK or at[-1] < end - _SLACK:
+    if not covers(run, truth):
         return Landing(fell=fell or None)
     start, last = np.interp([zero, end], at, truth.base_x)
     resting = truth.base_x[(at >= stop - REST_WINDOW) & (at <= stop)]

@@ -53,6 +53,8 @@ def truth_of(run: Run, path: Path | None) -> Truth | None:
     Raises:
         FileError: It cannot be read, or is of another run.
     """
+    if path is None and run.context.get("backend") == "twin":
+        return None  # a replay keeps the clock of the lamp's log: what lies beside it is the lamp's
     own, shared = run.path.with_suffix(".truth.mcap"), run.path.with_name("truth.mcap")
     found = path or next((each for each in (own, shared) if each != run.path and each.is_file()), None)
     if found is None:

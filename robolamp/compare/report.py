@@ -94,10 +94,13 @@ _PARTS = ("uPlot.iife.min.js", "uPlot.min.css", "report.js", "report.css")
 def three(comparison: Comparison) -> tuple[tuple[str, str, str], ...]:
     """Return the verdict's three parts: each its question, its answer in a word or two, and what that rests on."""
     task, judged, alone = comparison.task, comparison.judged, comparison.alone
-    against = "Does the twin explain it?" if comparison.reference is None else "Do both runs agree?"
+    against, same = "Does the twin explain it?", "Driven with the goals that the lamp was sent, the twin does the same"
+    if comparison.reference is not None:
+        against, same = "Do both runs agree?", f"The lamp and {comparison.other.name} do the same"
+    why = judged.why or (f"{same}, within the tolerances",)
     return (
         ("Did it do the task?", _capital(task.word), _sentences(task.why)),
-        (against, _capital(judged.word) + " tolerances" * (judged.word != CANNOT_SAY), _sentences(judged.why)),
+        (against, _capital(judged.word) + " tolerances" * (judged.word != CANNOT_SAY), _sentences(why)),
         ("And its controller alone on the twin?", *_alone(comparison, alone)),
     )
 

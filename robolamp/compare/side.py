@@ -15,6 +15,9 @@ from robolamp.log.reader import Run, Truth
 
 Array = NDArray[np.float64]
 
+SLACK = 0.1
+"""How much later than a run its truth may begin, and how much earlier end [s]: chosen; a lamp at rest stays there."""
+
 
 @dataclass(frozen=True)
 class Base:
@@ -86,6 +89,17 @@ def compared(run: Run) -> NDArray[np.bool_]:
     return running if np.count_nonzero(running) >= MIN_SAMPLES else np.ones(run.index.size, bool)
 
 
+def covers(run: Run, truth: Truth) -> bool:
+    """Return whether a truth log begins and ends no more than `SLACK` within a run: else its end tells of no landing.
+
+    Args:
+        run: The log.
+        truth: What the emulated lamp truly did.
+    """
+    first, last = run.at(truth.log_time[[0, -1]])
+    return bool(first <= run.began[0] + SLACK and last >= run.write_done[-1] - SLACK)
+
+
 def of_run(run: Run, truth: Truth | None, name: str) -> Side:
     """Return a log as a side.
 
@@ -111,7 +125,9 @@ def of_run(run: Run, truth: Truth | None, name: str) -> Side:
         # After the last tick torque is off, and a lamp that then sinks to the floor has not fallen.
         during = (at >= begin - 0.01) & (at <= end + 0.01)
         start, stop = np.interp([begin, end], at, truth.base_x)
-        travel, fell = float(stop - start), bool(truth.fallen[during].any())
+        whole = covers(run, truth)
+        travel = float(stop - start) if whole else math.nan
+        fell = bool(truth.fallen[during].any()) or (False if whole else None)
         base = Base(
             at[during] - zero, truth.base_x[during] - start, truth.base_z[during], truth.pitch[during],
             truth.angle[during][:, [truth.joints.index(joint) for joint in run.joints]],

@@ -77,7 +77,7 @@ def verdict_of(
     rows = compared(run)
     missing = np.count_nonzero(~np.isfinite(run.angle[rows]), axis=0).tolist()
     exceeded = [
-        *_fell(lamp, other), *_joints(joints, missing, allowed), *_hops(hops, allowed, other.name),
+        *_fell(lamp, other), *_joints(joints, missing, allowed), *_hops(hops, allowed, lamp, other),
         *_travel(lamp, other, allowed), *_foot(run, rows, allowed), *_faults(run),
     ]  # fmt: skip
     unknown = [*_ended(endings, other), *_unknown(run, joints, missing, lamp, other, rows)]
@@ -88,10 +88,10 @@ def verdict_of(
 
 def _fell(lamp: Side, other: Side) -> Iterator[str]:
     if lamp.fell and other.fell:
-        yield f"the lamp fell, and so did the {other.name}: what lies on the floor is not compared"
+        yield f"the {lamp.name} fell, and so did the {other.name}: what lies on the floor is not compared"
     elif lamp.fell or other.fell:
-        fell, stood = ("lamp", other) if lamp.fell else (other.name, lamp)
-        yield f"the {fell} fell" + ("" if stood.fell is None else f", the {stood.name} did not")
+        fell, stood = (lamp, other) if lamp.fell else (other, lamp)
+        yield f"the {fell.name} fell" + ("" if stood.fell is None else f", the {stood.name} did not")
 
 
 def _joints(joints: Sequence[JointError], missing: Sequence[int], allowed: Tolerances) -> Iterator[str]:
@@ -107,10 +107,10 @@ def _joints(joints: Sequence[JointError], missing: Sequence[int], allowed: Toler
             yield f"{joint.name}: {gone} of {joint.of} readings are missing, allowed {allowed.missing:.1%}"
 
 
-def _hops(hops: Sequence[Hop], allowed: Tolerances, called: str) -> Iterator[str]:
+def _hops(hops: Sequence[Hop], allowed: Tolerances, lamp: Side, other: Side) -> Iterator[str]:
     for number, hop in enumerate(hops, start=1):
         if hop.lamp is None or hop.twin is None:
-            yield f"hop {number}: only {f'of the {called}' if hop.lamp is None else 'on the lamp'}"
+            yield f"hop {number}: only on the {other.name if hop.lamp is None else lamp.name}"
         for word, late in (("takes off", hop.off_late), ("lands", hop.on_late)):
             if abs(late) > allowed.hop:
                 yield (
@@ -123,7 +123,7 @@ def _travel(lamp: Side, other: Side, allowed: Tolerances) -> Iterator[str]:
     difference = lamp.travel - other.travel
     if abs(difference) > allowed.travel:
         yield (
-            f"travel: lamp {lamp.travel * 1e2:.1f} cm, {other.name} {other.travel * 1e2:.1f} cm, "
+            f"travel: {lamp.name} {lamp.travel * 1e2:.1f} cm, {other.name} {other.travel * 1e2:.1f} cm, "
             f"allowed difference {allowed.travel * 1e2:.1f} cm"
         )
 
@@ -152,7 +152,7 @@ def _faults(run: Run) -> Iterator[str]:
     for text, count in faults.most_common(3):
         yield f"a fault while the controller drove: {text}" + (f" ({count} ticks)" if count > 1 else "")
     if len(faults) > 3:
-        yield f"{len(faults) - 3} more kinds of fault while it drove"
+        yield f"{len(faults) - 3} more kind{'s' * (len(faults) > 4)} of fault while it drove"
 
 
 def _ended(endings: Sequence[Ending], other: Side) -> Iterator[str]:

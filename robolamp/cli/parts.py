@@ -1,0 +1,21 @@
+"""The three parts of a run's verdict, as dry-run and deploy tell them on a terminal."""
+
+from __future__ import annotations
+
+from robolamp.compare.comparison import Comparison
+from robolamp.compare.report import sentence, three
+
+
+def told(comparison: Comparison) -> tuple[str, str]:
+    """Return the three parts for a terminal: the task in a word, and everything after it, a line each.
+
+    Args:
+        comparison: Of the run.
+    """
+    (_, word, why), (_, verdict, reasons), (_, alone, did) = three(comparison)
+    lines = (
+        f" {why}",
+        f"Twin, replaying the goals that the lamp was sent: {verdict.lower()}. {reasons} {sentence(comparison)}",
+        f"Controller alone on the twin: {alone.lower()}. {did}",
+    )
+    return f"{word}.", "\n".join(lines)

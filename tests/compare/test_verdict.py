@@ -1,0 +1,276 @@
+"""Verdicts in three parts: what is told of runs whose truth is known, and that what nobody measured is never inside."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robolamp.cli.main import main
+from robolamp.compare.ending import ending_of
+from robolamp.compare.flights import AIR, Flight, Hop, flights, hops
+from robolamp.compare.landing import Landing, landing_of
+from robolamp.compare.motion import truth_of
+from robolamp.compare.replay import replay
+from robolamp.compare.run import compare_joints
+from robolamp.compare.side import of_replay, of_run
+from robolamp.compare.tolerances import load_tolerances
+from robolamp.compare.verdict import verdict_of
+from robolamp.emulator.faults import Event
+from robolamp.errors import FileError
+from robolamp.log.reader import Run, Truth, read_run, read_truth
+
+from .driven import constant, dry_run
+from .lamps import ASSETS, CALIBRATION, LAMP, write_run
+
+ALLOWED = load_tolerances(ASSETS)
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory) -> Path:
+    return dry_run(tmp_path_factory.mktemp("good"))
+
+
+def compare(capsys, *words) -> tuple[int, dict]:
+    with pytest.raises(SystemExit) as caught:
+        main(["compare", *map(str, words), "--json"])
+    return int(caught.value.code or 0), json.loads(capsys.readouterr().out)
+
+
+def test_a_good_run_is_done_and_inside_by_the_truth_beside_its_log(good, tmp_path, capsys):
+    code, said = compare(capsys, good, "--no-diagnosis", "-o", tmp_path / "r.html")
+    assert (code, said["task"], said["verdict"], said["verdict_why"]) == (0, "done", "inside", [])
+    assert said["task_why"][0].startswith("landed at 29.4 cm for a goal of 30.0 cm")
+    assert said["hops"] == said["hops_flown"] == said["twin_alone_hops"]
+    assert said["twin_alone_m"] == pytest.approx(said["travel_m"], abs=0.005)
+    assert said["twin_alone_fell"] is False
+
+
+def test_the_controller_alone_lands_where_score_says(good, tmp_path, capsys):
+    _, said = compare(capsys, good, "--no-diagnosis", "-o", tmp_path / "r.html")
+    with pytest.raises(SystemExit):
+        main(["score", "hop", "--goals", "0.30", "--duration", "4", "--json"])
+    scored = json.loads(capsys.readouterr().out)
+    assert said["twin_alone_m"] - 0.30 == pytest.approx(scored["errors_m"][0], abs=0.002)
+    assert said["twin_alone_hops"] == scored["hops"][0]
+
+
+@pytest.mark.parametrize(
+    ("what", "task", "verdict", "told"),
+    [
+        ({"reality": "loose"}, "not done", "outside", "allowed 1.5 cm"),
+        ({"controller": (0.0, 0.0, 0.0)}, "not done", "cannot say", "lag unknown: no joint moved"),
+        ({"controller": (0.3, 0.5, -0.5)}, "not done", "outside", "fell"),
+        ({"stop": 1.0}, "not done", "cannot say", "the controller never drove (stopped: request to stop)"),
+        ({"stop": 3.0}, "not done", "cannot say", "cut while the controller drove (stopped: request to stop)"),
+        ({"event": Event("silent", at=3.0, lasts=1.0, servo=2)}, "not done", "outside", "readings are missing"),
+        ({"event": Event("reboot", at=2.6, servo=2)}, "not done", "outside", "guard: "),
+        ({"event": Event("foot_silent", at=2.6, lasts=1.0)}, "not done", "outside", "foot: no force"),
+    ],
+    ids=lambda value: "-".join(value) if isinstance(value, dict) else None,
+)
+def test_a_lamp_that_did_nothing_good_is_not_done_and_inside(what, task, verdict, told, tmp_path, capsys):
+    if "controller" in what:
+        what = what | {"controller": constant(tmp_path, *what["controller"])}
+    log = dry_run(tmp_path, **what)
+    code, said = compare(capsys, log, "--no-diagnosis")
+    assert (code, said["task"], said["verdict"]) == (1, task, verdict)
+    assert told in " ".join(said["task_why"] + said["verdict_why"])
+
+
+def killed(folder: Path) -> Path:
+    """Write a log whose writer was killed while the controller drove."""
+    log, _ = write_run(folder, skip=tuple(range(120, 200)))
+    log.write_bytes(log.read_bytes()[:-200])
+    return log
+
+
+def test_a_killed_log_is_cut_and_cannot_be_inside(tmp_path, capsys):
+    code, said = compare(capsys, killed(tmp_path), "--no-diagnosis")
+    assert (code, said["task"], said["verdict"]) == (1, "not done", "cannot say")
+    why = "cut while the controller drove (the log ends early: the process that wrote it was killed)"
+    assert why in said["task_why"]
+    assert said["verdict_why"] == [f"the run: {why}"]
+
+
+def test_a_lamp_that_nobody_saw_lands_where_the_ruler_says(good, tmp_path, capsys):
+    log = tmp_path / "log.mcap"
+    log.write_bytes(good.read_bytes())
+    code, said = compare(capsys, log, "--no-diagnosis")
+    assert (code, said["task"], said["verdict"]) == (1, "cannot say", "cannot say")
+    assert said["task_why"][0] == "nothing measured where it landed"
+    assert said["verdict_why"] == ["travel unknown: nothing measured how far the lamp came"]
+    code, said = compare(capsys, log, "--no-diagnosis", "--landed", "29.1cm")
+    assert (code, said["task"], said["verdict"]) == (0, "done", "inside")
+    assert said["travel_m"] == pytest.approx(0.291)
+    code, said = compare(capsys, log, "--no-diagnosis", "--landed", "20cm")
+    assert (code, said["task"], said["verdict"]) == (1, "not done", "outside")
+    for words in ((log, "--landed", "far"), (log, log, "--landed", "20cm"), (tmp_path, "--landed", "20cm")):
+        code, said = compare(capsys, *words)
+        assert (code, said["where"]) == (2, "--landed")
+
+
+def test_a_lamp_that_nobody_saw_and_that_stood_still_is_not_done(tmp_path, capsys):
+    log = dry_run(tmp_path, controller=constant(tmp_path, 0.0, 0.0, 0.0))
+    log.with_name("truth.mcap").unlink()
+    code, said = compare(capsys, log, "--no-diagnosis")
+    assert (code, said["task"]) == (1, "not done")
+    assert "no joint moved" in said["task_why"]
+
+
+def test_dry_run_tells_the_three_parts_first_on_screen_in_json_and_on_the_page(tmp_path, capsys):
+    words = ["dry-run", "hop", "--goal", "0.3", "--reality", "loose", "--duration", "3", "--lockstep"]
+    with pytest.raises(SystemExit):
+        main([*words, "-o", str(tmp_path / "a")])
+    told = capsys.readouterr().out.splitlines()[1:]
+    assert told[0].startswith("Not done. Landed at ")
+    assert told[1].startswith("Twin, replaying the goals that the lamp was sent: outside tolerances.")
+    assert told[2].startswith("Controller alone on the twin: done. Lands at ")
+    with pytest.raises(SystemExit):
+        main([*words, "-o", str(tmp_path / "b"), "--json"])
+    said = json.loads(capsys.readouterr().out)
+    assert (said["task"], said["verdict"]) == ("not done", "outside")
+    assert said["twin_alone_m"] == pytest.approx(0.294, abs=0.01)
+    assert said["task_why"]
+    assert said["verdict_why"]
+    page = Path(said["report"]).read_text()
+    asked = [page.index(text) for text in ("Did it do the task?", "Does the twin explain it?", "controller alone on")]
+    assert asked == sorted(asked)
+    assert asked[-1] < page.index("What is different")
+
+
+def test_a_folder_tells_each_runs_task_and_verdict(good, tmp_path, capsys):
+    for name in ("whole", "cut"):
+        (tmp_path / name).mkdir()
+    for name in ("log.mcap", "truth.mcap"):
+        (tmp_path / "whole" / name).write_bytes(good.with_name(name).read_bytes())
+    killed(tmp_path / "cut")
+    code, said = compare(capsys, tmp_path)
+    assert code == 0
+    found = {Path(row["log"]).parent.name: (row["task"], row["verdict"]) for row in said["runs"]}
+    assert found == {"whole": ("done", "inside"), "cut": ("not done", "cannot say")}
+    alone = {Path(row["log"]).parent.name: row["twin_alone_m"] for row in said["runs"]}
+    assert alone == {"whole": pytest.approx(0.294, abs=0.01), "cut": None}  # its log holds no controller
+    page = (tmp_path / "compare.html").read_text()
+    assert "Of 2, 1 done, 1 not done" in page.replace("\u00a0", " ")
+
+
+class Judged:
+    """A good run, and what is made of it once something of it has been changed."""
+
+    def __init__(self, log: Path) -> None:
+        self.run = read_run(log)
+        self.lamp = of_run(self.run, truth_of(self.run, None), "lamp")
+        self.twin = of_replay(self.run, replay(self.run, LAMP, CALIBRATION, ASSETS))
+        self.hops = hops(flights(self.lamp, LAMP), flights(self.twin, LAMP))
+
+    def verdict(self, run: Run | None = None, found: list[Hop] | None = None, **lamp) -> tuple[str, tuple[str, ...]]:
+        run = run or self.run
+        side = dataclasses.replace(self.lamp, angle=run.angle, **lamp)
+        joints = compare_joints(run, side, self.twin)
+        found = self.hops if found is None else found
+        judged = verdict_of(run, [ending_of(run)], joints, found, side, self.twin, ALLOWED)
+        return judged.word, judged.why
+
+
+@pytest.fixture(scope="module")
+def judged(good) -> Judged:
+    return Judged(good)
+
+
+def test_nothing_changed_is_inside(judged):
+    assert judged.verdict() == ("inside", ())
+
+
+def _lose(run: Run, joint: int, ticks: slice) -> Run:
+    angle = run.angle.copy()
+    angle[np.flatnonzero(run.phase == "run")[ticks], joint] = np.nan
+    return dataclasses.replace(run, angle=angle)
+
+
+@pytest.mark.parametrize(
+    ("change", "word", "why"),
+    [
+        (lambda it: it.verdict(travel=math.nan), "cannot say", "travel unknown"),
+        (lambda it: it.verdict(fell=True), "outside", "the lamp fell, the twin did not"),
+        (lambda it: it.verdict(found=[Hop(Flight(1.0, 1.1), None)]), "outside", "hop 1: only on the lamp"),
+        (lambda it: it.verdict(found=[Hop(None, Flight(1.0, 1.1))]), "outside", "hop 1: only on the twin"),
+        (lambda it: it.verdict(_lose(it.run, 1, slice(40, 41))), "outside", "knee: 1 of 200 readings are missing"),
+        (lambda it: it.verdict(_lose(it.run, 2, slice(0, 150))), "outside", "neck: 150 of 200 readings are missing"),
+        (
+            lambda it: it.verdict(dataclasses.replace(it.run, foot_force=np.full(it.run.index.size, np.nan))),
+            "outside", "foot: 200 of 200 readings are missing",
+        ),
+        (
+            lambda it: it.verdict(dataclasses.replace(it.run, faults=[("knee: no answer",)] * it.run.index.size)),
+            "outside", "a fault while the controller drove: knee: no answer (200 ticks)",
+        ),
+        (
+            lambda it: it.verdict(dataclasses.replace(it.run, phase=np.full(it.run.index.size, "start"))),
+            "cannot say", "the controller never drove",
+        ),
+        (
+            lambda it: it.verdict(dataclasses.replace(it.run, angle=np.zeros_like(it.run.angle))),
+            "outside", "lag unknown",
+        ),
+    ],
+    ids=["travel", "fall", "hop", "twin's hop", "reading", "readings", "foot", "fault", "never drove", "stood still"],
+)  # fmt: skip
+def test_what_is_missing_or_unlike_is_never_inside(judged, change, word, why):
+    found, reasons = change(judged)
+    assert found == word
+    assert why in "; ".join(reasons)
+
+
+def _truth(good: Path, **changed) -> tuple[Run, Truth]:
+    run, truth = read_run(good), read_truth(good.with_name("truth.mcap"))
+    return run, dataclasses.replace(truth, **{name: change(truth) for name, change in changed.items()})
+
+
+def test_a_hop_flew_if_it_cleared_the_floor_and_landed_flat(good):
+    run, truth = _truth(good)
+    assert landing_of(run, truth, AIR).flown == 4
+    assert landing_of(run, truth, 0.2).flown == 0
+    _, low = _truth(good, clearance=lambda truth: np.minimum(truth.clearance, 0.0019))
+    assert landing_of(run, low, AIR).flown == 0
+    _, tilted = _truth(good, pitch=lambda truth: np.full_like(truth.pitch, np.radians(16)))
+    assert landing_of(run, tilted, AIR).flown == 0
+
+
+def test_a_truth_that_ends_before_the_run_says_nothing_of_where_it_landed(good):
+    run, truth = _truth(good)
+    half = truth.log_time.size // 2
+    short = dataclasses.replace(
+        truth,
+        **{
+            each.name: getattr(truth, each.name)[:half]
+            for each in dataclasses.fields(truth)
+            if isinstance(getattr(truth, each.name), np.ndarray)
+        },
+    )
+    landing = landing_of(run, short, AIR)
+    assert math.isnan(landing.travel)
+    assert (landing.fell, landing.flown) == (None, None)
+    assert math.isnan(of_run(run, short, "lamp").travel)
+    assert landing_of(run, None, AIR) == Landing()
+
+
+def test_the_truth_beside_a_log_is_found_and_another_runs_is_passed_over(good, tmp_path):
+    log = tmp_path / "mine.mcap"
+    log.write_bytes(good.read_bytes())
+    run = read_run(log)
+    assert truth_of(run, None) is None
+    (tmp_path / "truth.mcap").write_bytes(good.with_name("truth.mcap").read_bytes())
+    assert truth_of(run, None).path == tmp_path / "truth.mcap"
+    (tmp_path / "mine.truth.mcap").write_bytes(good.with_name("truth.mcap").read_bytes())
+    assert truth_of(run, None).path == tmp_path / "mine.truth.mcap"
+    (tmp_path / "mine.truth.mcap").unlink()
+    assert truth_of(dataclasses.replace(run, context={**run.context, "backend": "twin"}), None) is None
+    other = dataclasses.replace(run, log_time=run.log_time + 10**15)
+    assert truth_of(other, None) is None
+    with pytest.raises(FileError, match="it is of another run"):
+        truth_of(other, tmp_path / "truth.mcap")
