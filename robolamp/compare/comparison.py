@@ -13,6 +13,7 @@ from robolamp.compare.align import JointError
 from robolamp.compare.control import ControlReplay
 from robolamp.compare.course import BANDS, Parting, Plain, Spectrum
 from robolamp.compare.diagnosis import Finding
+from robolamp.compare.explain import Account
 from robolamp.compare.flights import Hop
 from robolamp.compare.replay import Replay
 from robolamp.compare.side import Side
@@ -41,6 +42,7 @@ class Comparison:
         tolerances: What was allowed.
         exceeded: What is outside its tolerance, one sentence each; empty where nothing is.
         diagnosis: Probable causes, the strongest first.
+        account: What bent twins made of the difference: how much they leave unexplained, or why nothing could be told.
         report: The HTML report.
         twin_log: The replay as a log, topics "/twin/..."; None where two runs were compared.
     """
@@ -60,6 +62,7 @@ class Comparison:
     tolerances: Tolerances
     exceeded: tuple[str, ...]
     diagnosis: tuple[Finding, ...]
+    account: Account
     report: Path
     twin_log: Path | None
 
@@ -72,6 +75,11 @@ class Comparison:
     def twin(self) -> TwinModel:
         """The compiled lamp."""
         return self.replay.twin
+
+    @property
+    def who(self) -> str:
+        """Return what the other side's keys begin with: "twin", or "other" for a lamp."""
+        return "twin" if self.other.name == "twin" else "other"
 
     @property
     def lamp_travel(self) -> float:
@@ -89,16 +97,19 @@ class Comparison:
             "verdict": self.verdict,
             "exceeded": list(self.exceeded),
             "against": "twin" if self.reference is None else str(self.reference.path),
+            "names": [self.lamp.name, self.other.name],
             "joints": [self._joint(index, joint) for index, joint in enumerate(self.joints)],
             "hops": self.lamp.hops,
-            "twin_hops": self.other.hops,
-            "flights": [_flight(hop) for hop in self.flights],
+            f"{self.who}_hops": self.other.hops,
+            "flights": [_flight(hop, self.who) for hop in self.flights],
             "fell": self.lamp.fell,
-            "twin_fell": self.other.fell,
+            f"{self.who}_fell": self.other.fell,
             "travel_m": self.lamp.travel,
-            "twin_travel_m": self.other.travel,
+            f"{self.who}_travel_m": self.other.travel,
             "foot_force_mae_n": self.plain.force,
             "parted_s": self.parting.time,
+            "parted_first_s": self.parting.first,
+            "together_again_s": self.parting.last,
             "parted_joint": self.parting.joint or None,
             "parted_when": list(self.parting.just_then),
             "controller_exact": self.control.exact,
@@ -108,6 +119,8 @@ class Comparison:
             "truncated": self.run.truncated,
             "calibration": self.calibration.name,
             "diagnosis": findings(self.diagnosis),
+            "unexplained_share": self.account.unexplained,
+            "no_causes_why": self.account.missing or None,
             "report": self.report,
             "twin_log": self.twin_log,
         }
@@ -147,7 +160,7 @@ def findings(diagnosis: Sequence[Finding]) -> list[dict[str, Any]]:
     ]
 
 
-def _flight(hop: Hop) -> dict[str, Any]:
+def _flight(hop: Hop, who: str) -> dict[str, Any]:
     def of(flight: Any, name: str) -> float:
         return getattr(flight, name) if flight else math.nan
 
@@ -156,10 +169,10 @@ def _flight(hop: Hop) -> dict[str, Any]:
         "on_s": of(hop.lamp, "on"),
         "flight_s": of(hop.lamp, "time"),
         "apex_m": of(hop.lamp, "apex"),
-        "twin_off_s": of(hop.twin, "off"),
-        "twin_on_s": of(hop.twin, "on"),
-        "twin_flight_s": of(hop.twin, "time"),
-        "twin_apex_m": of(hop.twin, "apex"),
+        f"{who}_off_s": of(hop.twin, "off"),
+        f"{who}_on_s": of(hop.twin, "on"),
+        f"{who}_flight_s": of(hop.twin, "time"),
+        f"{who}_apex_m": of(hop.twin, "apex"),
         "off_late_ms": hop.off_late * 1e3,
         "on_late_ms": hop.on_late * 1e3,
     }

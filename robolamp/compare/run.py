@@ -19,11 +19,12 @@ from robolamp.compare.control import replay_controller
 from robolamp.compare.course import parting, plain, residuals, spectrum
 from robolamp.compare.diagnosis import Finding, diagnose
 from robolamp.compare.evidence import Evidence
-from robolamp.compare.explain import explain
+from robolamp.compare.explain import NOT_ASKED, Account, explain
 from robolamp.compare.flights import Hop, flights, hops
+from robolamp.compare.pauses import origin
 from robolamp.compare.replay import Replay, replay
 from robolamp.compare.report import write_report
-from robolamp.compare.side import Side, compared, of_replay, of_run, origin
+from robolamp.compare.side import Side, compared, of_replay, of_run
 from robolamp.compare.tolerances import Tolerances, load_tolerances
 from robolamp.errors import FileError
 from robolamp.lamp import Lamp, load_lamp
@@ -68,9 +69,9 @@ def compare_log(
     comparison = _lay_over(
         run, twin, lamp, of_run(run, true, "lamp"), of_replay(run, twin), None, calibration, allowed, report, twin_log
     )
-    explained = explain(Evidence(run, lamp, calibration, assets), lamp) if diagnosis else []
-    found = diagnose(run, explained, comparison.joints, calibration, lamp)
-    return _finish(comparison, tuple(found))
+    account = explain(Evidence(run, lamp, calibration, assets), lamp) if diagnosis else NOT_ASKED
+    found = diagnose(run, account, comparison.joints, calibration, lamp, truth=true)
+    return _finish(comparison, tuple(found), account)
 
 
 def compare_logs(
@@ -112,18 +113,21 @@ def compare_logs(
     lamp = load_lamp(assets)
     true = [None if truth is None else read_truth(truth) for truth in truths]
     twin = replay(run, lamp, calibration, assets)
-    ours, other = of_run(run, true[0], "lamp"), of_run(held, true[1], _called(held))
+    names = called(run, held)
+    ours, other = of_run(run, true[0], names[0]), of_run(held, true[1], names[1])
     # Beyond the end of the other's run the two no longer do the same.
     rows = compared(held)
     end = float(held.scheduled[rows][-1]) - origin(held) + held.control_period
     other = dataclasses.replace(other, angle=np.where(other.time <= end, other.angle, np.nan))
+    other = other.on_clock_of(run, held)
     comparison = _lay_over(run, twin, lamp, ours, other, held, calibration, allowed, report, None)
-    explained = []
+    account = NOT_ASKED
     if diagnosis:
         both = Evidence(run, lamp, calibration, assets), Evidence(held, lamp, calibration, assets)
-        explained = changed(*both, lamp)
+        account = changed(*both, lamp)
     than = "in the simulation" if comparison.other.name == "twin" else "before"
-    return _finish(comparison, tuple(diagnose(run, explained, comparison.joints, calibration, lamp, than)))
+    found = diagnose(run, account, comparison.joints, calibration, lamp, than, truth=true[0])
+    return _finish(comparison, tuple(found), account)
 
 
 def read_either(path: Path | str) -> Run:
@@ -180,7 +184,7 @@ def _lay_over(
     if not any(joint.samples for joint in joints):
         raise FileError("no joint has a reading to compare", str(run.path))
     found = hops(flights(ours, lamp), flights(other, lamp))
-    off = residuals(ours, other, joints)
+    off = residuals(run, ours, other, joints)
     rows = compared(run)
     zero = origin(run)
     begin, end = float(run.scheduled[rows][0]) - zero, float(run.scheduled[rows][-1]) - zero
@@ -192,7 +196,7 @@ def _lay_over(
         reference=reference,
         replay=twin,
         joints=joints,
-        plain=plain(ours, other, begin, end),
+        plain=plain(ours, other, rows),
         spectra=tuple(spectrum(joint.name, *each) for joint, each in zip(joints, within, strict=True)),
         flights=tuple(found),
         parting=parting(run, ours, other, joints, found, allowed.joint_mae, allowed.travel),
@@ -201,13 +205,14 @@ def _lay_over(
         tolerances=allowed,
         exceeded=tuple(_exceeded(joints, found, ours, other, allowed)),
         diagnosis=(),
+        account=NOT_ASKED,
         report=report,
         twin_log=twin_log,
     )
 
 
-def _finish(comparison: Comparison, found: tuple[Finding, ...]) -> Comparison:
-    whole = dataclasses.replace(comparison, diagnosis=found)
+def _finish(comparison: Comparison, found: tuple[Finding, ...], account: Account) -> Comparison:
+    whole = dataclasses.replace(comparison, diagnosis=found, account=account)
     if whole.twin_log is not None:
         _write_twin_log(whole, whole.twin_log)
     write_report(whole)
@@ -235,16 +240,28 @@ def _same_task(run: Run, held: Run) -> None:
         raise FileError(f"goes to {held.goal_m:g} m, {run.path} to {run.goal_m:g} m: not one task", str(held.path))
 
 
-def _called(held: Run) -> str:
-    return "twin" if held.context.get("backend") == "twin" else held.path.stem
+def called(run: Run, held: Run) -> tuple[str, str]:
+    """Return what to call the two sides of two logs: by the file, or by the first folder that is not the same.
+
+    Args:
+        run: The run that is judged.
+        held: What it is held against.
+    """
+    if held.context.get("backend") == "twin":
+        return "lamp", "twin"
+    ours, theirs = run.path.absolute().with_suffix("").parts, held.path.absolute().with_suffix("").parts
+    for one, other in zip(reversed(ours), reversed(theirs), strict=False):
+        if one != other:
+            return f"lamp {one}", f"lamp {other}"
+    return "lamp", "lamp (the same log)"
 
 
 def _exceeded(
     joints: tuple[JointError, ...], found: list[Hop], lamp: Side, other: Side, allowed: Tolerances
 ) -> Iterator[str]:
     for joint in joints:
-        if joint.samples == 0:
-            yield f"{joint.name}: no readings to compare"
+        if not joint.known:
+            yield f"{joint.name}: too few readings to compare ({joint.samples} of {joint.of})"
         if joint.after.mae > allowed.joint_mae:
             yield (
                 f"{joint.name}: MAE {joint.after.mae * 1e3:.1f} mrad with the lag removed, "
