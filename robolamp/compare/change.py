@@ -15,6 +15,7 @@ from robolamp.compare.explain import (
     Explanation,
     Trial,
     noise,
+    small,
     survey,
     together,
     told_by,

@@ -203,8 +203,8 @@ def _moving(change: Change) -> Change:
 
 def _readings(run: Run, rows: NDArray[np.int64]) -> Readings:
     # How far the supply sags follows from all currents: where one of them is missing, the voltage tells nothing.
-    missing = np.isnan(run.current)
-    unknown = missing.any(axis=1) if not missing.all() else np.zeros(run.index.size, np.bool_)
+    known = np.isfinite(run.current)
+    whole = known.all(axis=1) if known.any() else np.ones(run.index.size, np.bool_)
     values = {
         "angle": run.angle[rows].ravel(),
         "current": run.current[rows].ravel(),
