@@ -209,9 +209,8 @@ def _readings(run: Run, rows: NDArray[np.int64]) -> Readings:
         "angle": run.angle[rows].ravel(),
         "current": run.current[rows].ravel(),
         "force": run.foot_force[rows],
-        "voltage": np.where(
-            unknown[:, None], np.nan, run.voltage
-        ).ravel(),  # of the whole log: a supply that drains takes its time
+        # Of the whole log: a supply that drains takes its time.
+        "voltage": np.where(whole[:, None], run.voltage, np.nan).ravel(),
         "answer": (run.read_done - run.began)[rows] - run.answer_wire,
     }
     parts, begin = {}, 0
