@@ -36,9 +36,9 @@ BEFORE = 0.3
 """How much of standing before the controller's first tick is looked at [s]."""
 AFTER = 2.2
 """How much of its run is [s]: hops multiply small differences, and later ones say little of their cause."""
-DRIVEN = 0.5
-"""For how long the controller must have driven for its motion to tell anything [s]. Chosen: the shipped hop crouches
-and takes off in 0.3 to 0.4 s; what came before is the standing of any lamp, and stiction bears any friction there."""
+DRIVEN = 0.3
+"""For how long the controller must have driven for its motion to tell anything [s]. Chosen: 15 ticks, in which the
+shipped hop crouches and stretches; before that any lamp stands, and stiction bears any friction there."""
 MOVED = 0.05
 """How far a joint's goals must have gone for its motion to tell anything [rad]. Chosen: below that sag and stiction
 (10 mrad, as `robolamp.compare.align.STILL` has it) are a large part of the way."""
