@@ -29,13 +29,13 @@ def hop(
     name: str = "hop",
     day: int = 0,
     events: tuple[Event, ...] = (),
-    on_event: Callable[[str, EmulatedLamp], None] = lambda text, world: None,
+    on_event: Callable[[str, EmulatedLamp], None] | None = None,
     duration: float = 3.0,
 ) -> Path:
     """Write the log of a run of `hop` on an emulated lamp, and truth.mcap beside it; returns the log.
 
     `events` go wrong on the bus, after which the run goes on as with --resume-after-replug; `on_event` hears of the
-    loop's events, before the log does.
+    loop's events, before the log does, which then holds how the servos were set.
     """
     controller = load_controller(ASSETS.named("hop", "sim/lamp/controllers", "controller"), LAMP, on_board=True)
     world = EmulatedLamp(LAMP, CALIBRATION, ASSETS, reality, faults=Faults("script", 1, events=events))
@@ -60,10 +60,11 @@ def hop(
     with LogWriter(path, context=context, joints=LAMP.names, epoch=epoch, lossless=True) as log:
 
         def heard(level: str, text: str) -> None:
-            on_event(text, world)
             log.event(level, text, ports.clock.now())
-            if text == TORQUE_ON:
-                log.context(settings_context(robot.settings()))
+            if on_event:
+                on_event(text, world)
+                if text == TORQUE_ON:
+                    log.context(settings_context(robot.settings()))
 
         run(
             robot, pilot, LAMP, period=controller.control_period, duration=duration, on_tick=log.tick, on_event=heard,
