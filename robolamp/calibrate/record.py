@@ -21,11 +21,11 @@ from robolamp.errors import FileError, SafetyError
 from robolamp.files import alone, partial, sha256, suffix_of
 from robolamp.foot.sensor import ByteSource
 from robolamp.lamp import Lamp
-from robolamp.log.context import run_context
+from robolamp.log.context import run_context, settings_context
 from robolamp.log.schemas import ANSWER_WIRE
 from robolamp.log.writer import LogWriter
 from robolamp.robot.lamp import RobotLamp
-from robolamp.runtime.loop import run
+from robolamp.runtime.loop import TORQUE_ON, run
 from robolamp.runtime.result import RunResult
 from robolamp.runtime.stop import StopRequest
 from robolamp.signals import Clock, Tick
@@ -234,6 +234,8 @@ def _play(
 
             def event(level: str, text: str) -> None:
                 log.event(level, text, ports.clock.now())
+                if text == TORQUE_ON:
+                    log.context(settings_context(robot.settings()))
 
             def tick(entry: Tick) -> None:
                 log.tick(entry)

@@ -135,10 +135,11 @@ def _tell(result: Comparison) -> None:
                 f"the air {hop.lamp.time * 1e3:.0f} ms for {hop.twin.time * 1e3:.0f}"
             )
         else:
-            print(f"  hop {number}    only {'on the lamp' if hop.lamp else f'of the {result.other.name}'}")
+            print(f"  hop {number}    only on the {result.lamp.name if hop.lamp else result.other.name}")
     print(f"  controller {result.control.text}")
     for number, finding in enumerate(result.diagnosis, start=1):
-        print(f"  {number}. {finding.cause}: {finding.evidence}\n     {finding.remedy}")
+        print(f"  {number}. {finding.cause} ({finding.explains}): {finding.evidence}\n     {finding.remedy}")
+    print(f"  {result.account.left}")
     print(f"report: {result.report}")
 
 

@@ -16,13 +16,13 @@ from robolamp.controller.pilot import Pilot
 from robolamp.dynamixel.bus import PATIENCE, Port
 from robolamp.errors import FileError
 from robolamp.foot.sensor import ByteSource
-from robolamp.log.context import run_context
+from robolamp.log.context import run_context, settings_context
 from robolamp.log.schemas import ANSWER_WIRE, DURATION
 from robolamp.log.writer import LogWriter
 from robolamp.robot.lamp import RobotLamp
 from robolamp.robot.shadow import ShadowLamp
 from robolamp.runtime.clock import MonotonicClock
-from robolamp.runtime.loop import run
+from robolamp.runtime.loop import TORQUE_ON, run
 from robolamp.runtime.result import RunResult
 from robolamp.runtime.stop import StopRequest
 from robolamp.signals import Clock, Tick
@@ -135,6 +135,8 @@ def drive(
 
             def event(level: str, text: str) -> None:
                 log.event(level, text, clock.now())
+                if text == TORQUE_ON:
+                    log.context(settings_context(robot.settings()))
                 view.event(level, text)
 
             stopped = ""

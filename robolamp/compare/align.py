@@ -17,6 +17,9 @@ LAG_STEP = 0.004
 """Step between the lags tried [s]; a parabola finds the peak between them."""
 MIN_SAMPLES = 10
 """Fewer shared samples than this do not make a correlation."""
+LEAST_SHARE = 0.5
+"""Share of the readings below which a mean of them stands for nothing. Chosen: the half that is missing may be the half
+that differs, and readings get lost where the lamp moves most."""
 MAX_LAG = 0.2
 """Longest lag looked for [s]: ten control periods; a servo bus that is later than this is not a lag but a fault."""
 MAX_GAP = 2.5
@@ -64,7 +67,7 @@ class JointError:
         swing: Size of the lamp's motion per size of the twin's (ratio of standard deviations, lag removed).
         drift: How fast the lag grows: seconds a second; NaN where the recording is too short to tell.
         drift_stderr: Its standard error.
-        samples: Lamp samples compared, of `of` samples in the log.
+        samples: Lamp samples compared, of `of` samples in the log; where they are too few, errors and lag are NaN.
         of: Samples in the log.
     """
 
@@ -77,6 +80,21 @@ class JointError:
     drift_stderr: float
     samples: int
     of: int
+
+    @property
+    def known(self) -> bool:
+        """Whether there are readings enough to tell anything."""
+        return enough(self.samples, self.of)
+
+
+def enough(samples: int, of: int) -> bool:
+    """Return whether so many readings stand for all of them.
+
+    Args:
+        samples: Readings that are known.
+        of: Readings that there should be.
+    """
+    return samples > 0 and samples >= LEAST_SHARE * of
 
 
 @dataclass(frozen=True)
@@ -248,5 +266,9 @@ def compare_joint(name: str, twin: Trace, lamp: Trace, of: int) -> JointError:
     reference = lamp.value[there] - residual[there]
     spread = float(reference.std()) if there.any() else 0.0
     swing = float(lamp.value[there].std()) / spread if spread > STILL else float("nan")
+    samples = int(np.count_nonzero(there))
+    if not enough(samples, of):
+        unknown = Error(*(math.nan,) * 5)
+        return JointError(name, math.nan, unknown, unknown, math.nan, math.nan, math.nan, samples, of)
     drift, stderr = find_drift(twin, lamp)
-    return JointError(name, lag, before, after, swing, drift, stderr, int(np.count_nonzero(there)), of)
+    return JointError(name, lag, before, after, swing, drift, stderr, samples, of)

@@ -6,15 +6,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.compare.evidence import Evidence, disagreement
-from robolamp.compare.explain import CORRELATED, GAIN, MOST, SHARE, Explanation, Trial, noise, survey, together
+from robolamp.compare.explain import (
+    CORRELATED,
+    GAIN,
+    MOST,
+    SHARE,
+    Account,
+    Explanation,
+    Trial,
+    noise,
+    small,
+    survey,
+    together,
+    told_by,
+)
 from robolamp.compare.knobs import Knob, knobs
 from robolamp.lamp import Lamp
 
 Array = NDArray[np.float64]
 
 
-def changed(now: Evidence, before: Evidence, lamp: Lamp) -> list[Explanation]:
+def changed(now: Evidence, before: Evidence, lamp: Lamp) -> Account:
     """Return what changed from one run to another, what explains most first; sizes are now less before.
+
+    What the twin has wrong of both explains its part, too, and is not left unexplained.
 
     Knobs are taken one by one, whichever explains most of what is left of both runs: as a change, which bears on the
     later run alone, or as something that the twin has wrong of both, which takes its part and is not told.
@@ -24,9 +39,9 @@ def changed(now: Evidence, before: Evidence, lamp: Lamp) -> list[Explanation]:
         before: The run it is held against.
         lamp: The lamp's description.
     """
-    if not (now.enough and before.enough):
-        return []
-    every = knobs(lamp)
+    if missing := now.missing or before.missing:
+        return Account(missing=missing)
+    every = told_by(knobs(lamp), now, before)
     late, early = survey(now, every), survey(before, every)
     value = np.concatenate([now.readings.value, before.readings.value])
     base = np.concatenate([late[every[0].name][0].seen, early[every[0].name][0].seen])
@@ -42,7 +57,7 @@ def changed(now: Evidence, before: Evidence, lamp: Lamp) -> list[Explanation]:
     whole = max(cost, 1e-9)
     while len(picked) < 2 * MOST:
         tries = {
-            key: together(value, base, seen, [columns[each] for each in (*picked, key)])
+            key: together(value, base, seen, [(columns[each], *_bounds(*each)) for each in (*picked, key)])
             for key in columns
             if key not in picked
         }
@@ -61,7 +76,15 @@ def changed(now: Evidence, before: Evidence, lamp: Lamp) -> list[Explanation]:
     ]
     found.sort(key=lambda one: -one.share)
     was = {one.name: one.size for one in noise(before)}
-    return [*found[:MOST], *(one for one in noise(now) if one.size > 2 * was.get(one.name, 0.0))]
+    noisier = [one for one in noise(now) if one.size > 2 * was.get(one.name, 0.0)]
+    explained = sum(share for _, share in gains) + sum(one.share for one in noisier)
+    return Account((*found[:MOST], *noisier), max(0.0, 1.0 - explained), small=small(value, base))
+
+
+def _bounds(knob: Knob, change: bool) -> tuple[float, float]:
+    """Return the smallest and largest size of a knob, or of its change from one believed size to another."""
+    low, high = knob.bounds
+    return (low - high, high - low) if change else (low, high)
 
 
 def _slope(tried: list[Trial], knob: Knob) -> Array:

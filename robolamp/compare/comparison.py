@@ -14,6 +14,7 @@ from robolamp.compare.alone import Alone
 from robolamp.compare.control import ControlReplay
 from robolamp.compare.course import BANDS, Parting, Plain, Spectrum
 from robolamp.compare.diagnosis import Finding
+from robolamp.compare.explain import Account
 from robolamp.compare.flights import Hop
 from robolamp.compare.landing import Landing
 from robolamp.compare.replay import Replay
@@ -48,6 +49,7 @@ class Comparison:
         alone: What its controller does alone on the twin; not to be taken for the replay.
         landing: What is known of where it landed.
         diagnosis: Probable causes, the strongest first.
+        account: What bent twins made of the difference: how much they leave unexplained, or why nothing could be told.
         report: The HTML report.
         twin_log: The replay as a log, topics "/twin/..."; None where two runs were compared.
     """
@@ -70,6 +72,7 @@ class Comparison:
     alone: Alone
     landing: Landing
     diagnosis: tuple[Finding, ...]
+    account: Account
     report: Path
     twin_log: Path | None
 
@@ -94,6 +97,11 @@ class Comparison:
         return self.replay.twin
 
     @property
+    def who(self) -> str:
+        """Return what the other side's keys begin with: "twin", or "other" for a lamp."""
+        return "twin" if self.other.name == "twin" else "other"
+
+    @property
     def lamp_travel(self) -> float:
         """How far the lamp's base came [m]; NaN where no truth is known."""
         return self.lamp.travel
@@ -114,7 +122,6 @@ class Comparison:
             "hops_flown": self.landing.flown,
             "twin_alone_m": alone.travel,
             "twin_alone_hops": None if alone.why else alone.hops,
-            "hops_flown": self.landing.flown,
             "twin_alone_fell": None if alone.why else alone.fell,
         }
 
@@ -124,16 +131,19 @@ class Comparison:
             **self.parts(),
             "exceeded": list(self.exceeded),
             "against": "twin" if self.reference is None else str(self.reference.path),
+            "names": [self.lamp.name, self.other.name],
             "joints": [self._joint(index, joint) for index, joint in enumerate(self.joints)],
             "hops": self.lamp.hops,
-            "twin_hops": self.other.hops,
-            "flights": [_flight(hop) for hop in self.flights],
+            f"{self.who}_hops": self.other.hops,
+            "flights": [_flight(hop, self.who) for hop in self.flights],
             "fell": self.lamp.fell,
-            "twin_fell": self.other.fell,
+            f"{self.who}_fell": self.other.fell,
             "travel_m": self.lamp.travel,
-            "twin_travel_m": self.other.travel,
+            f"{self.who}_travel_m": self.other.travel,
             "foot_force_mae_n": self.plain.force,
             "parted_s": self.parting.time,
+            "parted_first_s": self.parting.first,
+            "together_again_s": self.parting.last,
             "parted_joint": self.parting.joint or None,
             "parted_when": list(self.parting.just_then),
             "controller_exact": self.control.exact,
@@ -143,6 +153,8 @@ class Comparison:
             "truncated": self.run.truncated,
             "calibration": self.calibration.name,
             "diagnosis": findings(self.diagnosis),
+            "unexplained_share": self.account.unexplained,
+            "no_causes_why": self.account.missing or None,
             "report": self.report,
             "twin_log": self.twin_log,
         }
@@ -182,7 +194,7 @@ def findings(diagnosis: Sequence[Finding]) -> list[dict[str, Any]]:
     ]
 
 
-def _flight(hop: Hop) -> dict[str, Any]:
+def _flight(hop: Hop, who: str) -> dict[str, Any]:
     def of(flight: Any, name: str) -> float:
         return getattr(flight, name) if flight else math.nan
 
@@ -191,10 +203,10 @@ def _flight(hop: Hop) -> dict[str, Any]:
         "on_s": of(hop.lamp, "on"),
         "flight_s": of(hop.lamp, "time"),
         "apex_m": of(hop.lamp, "apex"),
-        "twin_off_s": of(hop.twin, "off"),
-        "twin_on_s": of(hop.twin, "on"),
-        "twin_flight_s": of(hop.twin, "time"),
-        "twin_apex_m": of(hop.twin, "apex"),
+        f"{who}_off_s": of(hop.twin, "off"),
+        f"{who}_on_s": of(hop.twin, "on"),
+        f"{who}_flight_s": of(hop.twin, "time"),
+        f"{who}_apex_m": of(hop.twin, "apex"),
         "off_late_ms": hop.off_late * 1e3,
         "on_late_ms": hop.on_late * 1e3,
     }

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from robolamp.compare.pauses import pauses
 from robolamp.controller.file import load_controller
 from robolamp.controller.pilot import Pilot
 from robolamp.errors import FileError, RobolampError
@@ -39,7 +40,11 @@ class ControlReplay:
     def text(self) -> str:
         """Return it in words."""
         if self.exact is None:
-            return f"not run again: {self.what}"
+            return (
+                f"not run again: {self.what}"
+                if not self.ticks
+                else f"run again on the logged observations: {self.what}"
+            )
         if self.exact:
             return f"run again on the logged observations: the same to the bit in all {self.ticks} ticks"
         return f"run again on the logged observations: differs from tick {self.first} on ({self.what})"
@@ -60,11 +65,14 @@ def replay_controller(run: Run, lamp: Lamp) -> ControlReplay:
     except RobolampError as error:
         return ControlReplay(0, None, what=error.message)
     begun = float(run.scheduled[rows[0]])
-    ticks = 0
-    for row in rows:
+    stood = {pause.next: pause.length for pause in pauses(run)}
+    ticks, paused, followed = 0, 0.0, True
+    for row in rows.tolist():
+        if row in stood:
+            paused, followed = paused + stood[row], False
         if not np.isfinite(run.angle[row]).all():
             continue  # the loop held its goal, and asked no controller
-        step = pilot.step(_observation(run, int(row)), float(run.scheduled[row]) - begun)
+        step = pilot.step(_observation(run, row), float(run.scheduled[row]) - begun - paused)
         ticks += 1
         for what, ours, logged in (
             ("inputs", step.inputs, run.inputs[row]),
@@ -72,7 +80,11 @@ def replay_controller(run: Run, lamp: Lamp) -> ControlReplay:
             ("goals", step.goal, run.goal[row]),
         ):
             if ours.shape != logged.shape or not np.array_equal(ours, logged, equal_nan=True):
+                if not followed:  # goals that could not be sent, as the port was just gone, are in no log
+                    text = f"the same to the bit up to tick {run.index[row]}, before which the servos were gone"
+                    return ControlReplay(ticks - 1, None, what=f"{text}: what it was last asked is not in the log")
                 return ControlReplay(ticks, False, int(run.index[row]), what)
+        followed = True
     return ControlReplay(ticks, True)
 
 

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.compare.align import JointError
+from robolamp.compare.align import JointError, enough
 from robolamp.compare.flights import Hop
-from robolamp.compare.side import Side, origin
+from robolamp.compare.pauses import origin, paused_before
+from robolamp.compare.side import Side
 from robolamp.log.reader import Run
 
 Array = NDArray[np.float64]
@@ -33,17 +34,21 @@ BANDS = (0.0, 1.0, 3.0, 6.0, 12.0)
 
 @dataclass(frozen=True)
 class Parting:
-    """When the two part for good.
+    """When the two part.
 
     Attributes:
-        time: Since the controller's first tick [s]; NaN: they do not.
-        joint: The joint that leaves first, or "base".
-        just_then: What happened within NEAR seconds, in words.
+        time: From when on they are apart for good, since the controller's first tick [s]; NaN: not for good.
+        joint: What leaves first, a joint or "base"; empty where they are never apart.
+        just_then: What happened within NEAR seconds of it, in words.
+        first: When they are apart for the first time [s]; NaN: never.
+        last: From when on they are together again [s]; NaN: never apart, or for good.
     """
 
     time: float
     joint: str
     just_then: tuple[str, ...]
+    first: float = math.nan
+    last: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -74,10 +79,11 @@ class Plain:
     force: float
 
 
-def residuals(lamp: Side, twin: Side, joints: Sequence[JointError]) -> list[tuple[Array, Array]]:
+def residuals(run: Run, lamp: Side, twin: Side, joints: Sequence[JointError]) -> list[tuple[Array, Array]]:
     """Return times and errors of each joint with its lag removed, lamp less twin [rad]; only where both are known.
 
     Args:
+        run: The lamp's log: what was read in its pauses is left out.
         lamp: The lamp.
         twin: Its reference.
         joints: Gives the lags.
@@ -87,7 +93,7 @@ def residuals(lamp: Side, twin: Side, joints: Sequence[JointError]) -> list[tupl
         trace, reference = lamp.trace(index), twin.trace(index)
         lag = joint.lag if math.isfinite(joint.lag) else 0.0
         error = trace.value - reference.at(trace.time - lag)
-        there = np.isfinite(error)
+        there = np.isfinite(error) & np.isfinite(paused_before(run, trace.time + origin(run)))
         found.append((trace.time[there], error[there]))
     return found
 
@@ -101,7 +107,7 @@ def parting(
     allowed: float,
     travel: float,
 ) -> Parting:
-    """Return when an error (RMS over WINDOW) last leaves what is allowed and does not come back during the run.
+    """Return when an error (RMS over WINDOW) leaves what is allowed, and whether it comes back during the run.
 
     Args:
         run: The lamp's log.
@@ -112,15 +118,18 @@ def parting(
         allowed: Error of a joint from which on they are apart [rad].
         travel: The same of the base's travel, where both are known [m].
     """
-    best = Parting(math.nan, "", ())
     ends = run.scheduled[run.phase == "run"]
     end = float(ends[-1]) - origin(run) if ends.size else math.inf
-    errors = [(joint.name, *pair, allowed) for joint, pair in zip(joints, residuals(lamp, twin, joints), strict=True)]
+    pairs = zip(joints, residuals(run, lamp, twin, joints), strict=True)
+    errors = [(joint.name, *pair, allowed) for joint, pair in pairs]
     if lamp.base is not None and twin.base is not None:
         way = lamp.base.x - np.interp(lamp.base.time, twin.base.time, twin.base.x)
         errors.append(("base", lamp.base.time, way, travel))
+    for_good: list[tuple[float, str]] = []
+    at_all: list[tuple[float, str]] = []
+    back = -math.inf
     for name, whole, apart, most in errors:
-        during = (whole >= 0.0) & (whole <= end)
+        during = (whole >= 0.0) & (whole <= end) & np.isfinite(paused_before(run, whole + origin(run)))
         time, error = whole[during], apart[during]
         if time.size < 2:
             continue
@@ -128,18 +137,24 @@ def parting(
         near = np.ones(width)
         counted = np.convolve(np.ones(time.size), near, mode="same")  # fewer at the ends
         level = np.sqrt(np.convolve(error**2, near, mode="same") / counted)
+        outside = np.flatnonzero(level > most)
+        if not outside.size:
+            continue
+        at_all.append((float(time[outside[0]]), name))
+        if outside[-1] < time.size - 1:
+            back = max(back, float(time[outside[-1] + 1]))  # together at the end
+            continue
         inside = np.flatnonzero(level <= most)
-        if inside.size and inside[-1] == time.size - 1:
-            continue  # together at the end
-        at = float(time[inside[-1] + 1]) if inside.size else float(time[0])
-        if not best.time <= at:
-            best = Parting(at, name, ())
-    if math.isnan(best.time):
-        return best
-    return Parting(best.time, best.joint, tuple(_around(run, best.time, hops)))
+        for_good.append((float(time[inside[-1] + 1]) if inside.size else float(time[0]), name))
+    if not at_all:
+        return Parting(math.nan, "", ())
+    first = min(at_all)[0]
+    time, name = min(for_good or at_all)
+    just_then = tuple(_around(run, time, hops, (lamp.name, twin.name)))
+    return Parting(time, name, just_then, first) if for_good else Parting(math.nan, name, just_then, first, back)
 
 
-def _around(run: Run, time: float, hops: Sequence[Hop]) -> Iterator[str]:
+def _around(run: Run, time: float, hops: Sequence[Hop], names: tuple[str, str]) -> Iterator[str]:
     """Yield what happened within NEAR seconds of a moment."""
     near = np.abs(run.began - origin(run) - time) <= NEAR
     for number, hop in enumerate(hops, start=1):
@@ -151,9 +166,7 @@ def _around(run: Run, time: float, hops: Sequence[Hop]) -> Iterator[str]:
                 who = (
                     ""
                     if lamp is not None and twin is not None
-                    else " of the lamp alone"
-                    if lamp
-                    else " of the twin alone"
+                    else f" of the {names[0] if lamp is not None else names[1]} alone"
                 )
                 yield f"{word} {number}{who}"
     for index, joint in enumerate(run.joints):
@@ -198,16 +211,14 @@ def spectrum(name: str, time: Array, error: Array) -> Spectrum:
     return Spectrum(name, np.sqrt(np.array(bands)))
 
 
-def plain(lamp: Side, twin: Side, begin: float, end: float) -> Plain:
+def plain(lamp: Side, twin: Side, rows: NDArray[np.bool_]) -> Plain:
     """Return the mean absolute differences of velocities, currents and force, NaN where nothing is known.
 
     Args:
         lamp: The lamp.
         twin: Its reference.
-        begin: From here [s] ...
-        end: ... to here [s].
+        rows: The lamp's ticks that count, shape (k,).
     """
-    rows = (lamp.tick >= begin) & (lamp.tick <= end)
     tick = lamp.tick[rows]
 
     def off(ours: Array, theirs: Array) -> float:
@@ -215,7 +226,8 @@ def plain(lamp: Side, twin: Side, begin: float, end: float) -> Plain:
         if there.sum() < 2:
             return math.nan
         error = np.abs(ours - np.interp(tick, twin.tick[there], theirs[there], math.nan, math.nan))
-        return float(np.nanmean(error)) if np.isfinite(error).any() else math.nan
+        known = error[np.isfinite(error)]
+        return float(known.mean()) if enough(known.size, error.size) else math.nan
 
     n = lamp.angle.shape[1]
     return Plain(

@@ -15,11 +15,14 @@ import numpy as np
 
 from robolamp.calibration import Calibration
 from robolamp.compare.align import JointError
-from robolamp.compare.explain import Explanation
+from robolamp.compare.explain import Account, Explanation
+from robolamp.compare.hopcount import count_hops
 from robolamp.compare.knobs import SLOW_LINE
+from robolamp.compare.pauses import silent
+from robolamp.compare.settings import wrong_settings
 from robolamp.dynamixel.wire import wire_time
 from robolamp.lamp import Lamp
-from robolamp.log.reader import Run
+from robolamp.log.reader import Run, Truth
 
 SENT = 0.002
 """Time by which goals leave later than the calibration's line delay says [s]."""
@@ -30,6 +33,8 @@ GAPS = 0.01
 """Share of readings that did not arrive, or of ticks that were missed."""
 DRIFT = 500e-6
 """Rate by which the two clocks may differ: crystals are within 100 ppm, and a lag is known to some 0.3 ms."""
+STANDING = 10
+"""Fewer readings than this have no median that stands for them."""
 SATURATED = 0.98
 """Duty from which on a servo gives all it has."""
 
@@ -45,7 +50,7 @@ class Finding:
         knob: What was bent to explain it, as "strength knee"; empty where the log says it by itself.
         size: How much is different, in `unit`; NaN where there is no such number.
         unit: Of the size.
-        share: Of the difference that it explains, 0 to 1; NaN where the log says it by itself.
+        share: Of the difference that it explains, 0 to 1; NaN: not known, as the log says it by itself.
     """
 
     cause: str
@@ -56,32 +61,79 @@ class Finding:
     unit: str = ""
     share: float = math.nan
 
+    @property
+    def explains(self) -> str:
+        """Return the share in words."""
+        return (
+            f"explains {self.share * 100:.0f} % of the difference" if math.isfinite(self.share) else "share not known"
+        )
+
 
 def diagnose(
     run: Run,
-    explained: Sequence[Explanation],
+    account: Account,
     joints: Sequence[JointError],
     calibration: Calibration,
     lamp: Lamp,
     than: str = "modelled",
+    truth: Truth | None = None,
 ) -> list[Finding]:
     """Return the findings, the strongest first; empty where nothing stands out.
 
+    What is known for certain comes before what bent twins make likely: hops that did not fly, by the truth, and servos
+    that were not set as they should be, which any motor's strength would be blamed for. What the log only suggests
+    comes last.
+
     Args:
         run: The lamp's run.
-        explained: What bent twins explain of it.
+        account: What bent twins explain of it.
         joints: The differences, joint by joint.
         calibration: What the twin was calculated with.
         lamp: The lamp's description.
         than: What the lamp is held against, as in "weaker than modelled".
+        truth: What the lamp truly did; None: nobody knows.
     """
-    bent = [told(run, each, joints, than) for each in explained if each.knob]
-    noisy = [each for each in explained if not each.knob]
-    first = not bent or (noisy and noisy[0].share > explained[0].share)
+    bent = [told(run, each, joints, than) for each in account.causes if each.knob]
+    noisy = [each for each in account.causes if not each.knob]
+    first = not bent or (noisy and noisy[0].share > account.causes[0].share)
     heard = [*noises(noisy)]
     named = {each.knob for each in bent}
     rest = [each for each in complaints(run, joints, calibration, lamp) if not each.knob or each.knob not in named]
-    return [*(heard if first else ()), *bent, *(() if first else heard), *rest]
+    known, likely = [*miscounted(run, truth, lamp)], [*(heard if first else ()), *bent, *(() if first else heard)]
+    return [*(known if truth else ()), *misset(run, lamp), *likely, *(() if truth else known), *rest]
+
+
+def miscounted(run: Run, truth: Truth | None, lamp: Lamp) -> Iterator[Finding]:
+    """Yield that hops were counted which did not fly, where it is known or likely.
+
+    Args:
+        run: The lamp's run.
+        truth: What the lamp truly did; None: nobody knows.
+        lamp: The lamp's description.
+    """
+    count = count_hops(run, truth, lamp)
+    if count.text:
+        yield Finding(
+            count.text,
+            count.evidence,
+            "the controller goes by the hops that it counts; look for what lets the lamp rebound or tilt: a loose "
+            "joint, a slippery or soft floor",
+        )
+
+
+def misset(run: Run, lamp: Lamp) -> Iterator[Finding]:
+    """Yield the servos that were not set as driver and lamp.toml want, where the log says how they were.
+
+    Args:
+        run: The lamp's run.
+        lamp: The lamp's description.
+    """
+    for joint, wrong in wrong_settings(run, lamp):
+        yield Finding(
+            f"the {joint}'s servo is set otherwise: {wrong}",
+            "as its registers said once torque was on; no twin has it, so look here before its motor is blamed",
+            "`robolamp setup check --fix` sets what is kept without power; power it off and on for the rest",
+        )
 
 
 def noises(found: Sequence[Explanation]) -> Iterator[Finding]:
@@ -125,10 +177,9 @@ def told(run: Run, one: Explanation, joints: Sequence[JointError], than: str) ->
     """
     assert one.knob is not None
     facts = "; ".join(_facts(run, one, joints))
-    seen = f"accounts for {one.share:.0%} of the difference"
     return Finding(
         one.knob.cause(one.size, than),
-        f"{seen}; {facts}" if facts else seen,
+        facts or "a twin so bent does what the log says",
         one.knob.remedy(),
         one.name, one.size, one.knob.about.unit, one.share,
     )  # fmt: skip
@@ -154,12 +205,14 @@ def _facts(run: Run, one: Explanation, joints: Sequence[JointError]) -> Iterator
     if kind in ("supply", "resistance", "drain"):
         volts = run.voltage[np.isfinite(run.voltage)]
         if volts.size:
-            first, last = np.nanmedian(run.voltage[:10]), np.nanmedian(run.voltage[-10:])
-            yield f"the servos report {first:.1f} V at first, {last:.1f} V at last, {volts.min():.1f} V at least"
+            yield (
+                f"the servos report {np.median(volts[:30]):.1f} V at first, {np.median(volts[-30:]):.1f} V at last, "
+                f"{volts.min():.1f} V at least"
+            )
     if kind in ("foot gain", "foot offset", "foot drift", "mass"):
-        standing = run.foot_force[run.phase == "start"]
-        if np.isfinite(standing).any():
-            yield f"it reads {np.nanmedian(standing):.2f} N standing still"
+        standing = run.foot_force[(run.phase == "start") & np.isfinite(run.foot_force)]
+        if standing.size >= STANDING:
+            yield f"it reads {np.median(standing):.2f} N standing still"
 
 
 def complaints(run: Run, joints: Sequence[JointError], calibration: Calibration, lamp: Lamp) -> Iterator[Finding]:
@@ -192,8 +245,9 @@ def complaints(run: Run, joints: Sequence[JointError], calibration: Calibration,
             f"{assumed * 1e3:.1f} ms",
             "leave the computer to the loop, or change lamp.line_delay in the calibration and evolve again",
         )
+    heard = ~silent(run)
     for index, joint in enumerate(run.joints):
-        share = float(np.mean(~np.isfinite(run.angle[:, index])))
+        share = float(np.mean(~np.isfinite(run.angle[heard, index])))
         if share >= GAPS:
             yield Finding(
                 f"the {joint}'s servo often does not answer",

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration
 from robolamp.compare.knobs import Change
+from robolamp.compare.pauses import pauses, silent
 from robolamp.dynamixel.wire import wire_time
 from robolamp.lamp import Lamp
 from robolamp.log.reader import Run
@@ -35,8 +36,12 @@ BEFORE = 0.3
 """How much of standing before the controller's first tick is looked at [s]."""
 AFTER = 2.2
 """How much of its run is [s]: hops multiply small differences, and later ones say little of their cause."""
-MIN_TICKS = 25
-"""Fewer ticks than this are no evidence."""
+DRIVEN = 0.3
+"""For how long the controller must have driven for its motion to tell anything [s]. Chosen: 15 ticks, in which the
+shipped hop crouches and stretches; before that any lamp stands, and stiction bears any friction there."""
+MOVED = 0.05
+"""How far a joint's goals must have gone for its motion to tell anything [rad]. Chosen: below that sag and stiction
+(10 mrad, as `robolamp.compare.align.STILL` has it) are a large part of the way."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +82,20 @@ class Evidence:
         self._played: dict[str, Array] = {}
 
     @property
-    def enough(self) -> bool:
-        """Whether there is enough to tell anything from."""
-        return self.rows.size >= MIN_TICKS
+    def missing(self) -> str:
+        """Why no cause can be told from it, in words; empty where some can."""
+        rows = self.rows[self.run.phase[self.rows] == "run"]
+        driven = (
+            float(np.isfinite(self.run.angle[rows]).all(axis=1).sum()) * self.run.control_period if rows.size else 0.0
+        )
+        if driven < DRIVEN:
+            return f"the controller drove for {driven:.2f} s; to tell a cause takes {DRIVEN:g} s"
+        return ""
+
+    @property
+    def moved(self) -> NDArray[np.bool_]:
+        """Which joints' goals moved far enough for their motion to tell anything, shape (n,)."""
+        return np.ptp(self.run.goal[self.rows], axis=0) >= MOVED
 
     @property
     def held_up(self) -> float:
@@ -139,7 +155,7 @@ class Evidence:
         moment = at - np.where(np.isfinite(run.foot_age[rows]), run.foot_age[rows], 0.0)
         force = record.force[_before(record.time, moment), lane]
         force = force * change.foot_gain + change.foot_offset + change.foot_drift * (moment - run.began[0])
-        drawn = np.nansum(np.abs(run.current), axis=1)
+        drawn = np.nan_to_num(np.abs(run.current)).sum(axis=1)  # where some are missing, no voltage is held against it
         volts = self._base.voltage + np.max(change.bend.supply)
         volts = volts - change.resistance * drawn - change.drain * (run.measured_at - run.began[0])
         predicted[parts["angle"]] = angle.ravel()
@@ -168,7 +184,11 @@ def stretch(run: Run) -> NDArray[np.int64]:
     running = np.flatnonzero(run.phase == "run")
     first = float(run.began[running[0]]) if running.size else float(run.began[0])
     rows = (run.began >= first - BEFORE) & (run.began <= first + AFTER)
-    return np.flatnonzero(rows & (run.phase != "landing" if running.size else True))
+    if running.size:
+        rows &= run.phase != "landing"
+    if found := pauses(run):  # what the lamp did without its servos no twin replays
+        rows &= (np.arange(run.index.size) <= found[0].last) & ~silent(run)
+    return np.flatnonzero(rows)
 
 
 def _before(time: Array, moment: Array) -> NDArray[np.int64]:
@@ -182,11 +202,15 @@ def _moving(change: Change) -> Change:
 
 
 def _readings(run: Run, rows: NDArray[np.int64]) -> Readings:
+    # How far the supply sags follows from all currents: where one of them is missing, the voltage tells nothing.
+    known = np.isfinite(run.current)
+    whole = np.asarray(known.all(axis=1)) if known.any() else np.ones(run.index.size, np.bool_)
     values = {
         "angle": run.angle[rows].ravel(),
         "current": run.current[rows].ravel(),
         "force": run.foot_force[rows],
-        "voltage": run.voltage.ravel(),  # of the whole log: a supply that drains takes its time
+        # Of the whole log: a supply that drains takes its time.
+        "voltage": np.where(whole[:, None], run.voltage, np.nan).ravel(),
         "answer": (run.read_done - run.began)[rows] - run.answer_wire,
     }
     parts, begin = {}, 0

@@ -7,6 +7,8 @@ closer still. Noise cannot be bent into a replay: it is read from the ticks in w
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,6 +46,31 @@ STILL_TICKS = 10
 
 
 @dataclass(frozen=True)
+class Account:
+    """What is made of a difference.
+
+    Attributes:
+        causes: Accounts that are worth a word, the best first.
+        unexplained: Share of the difference that none of them explains, 0 to 1; NaN where nothing could be told.
+        missing: Why nothing could be told; empty where it could.
+        small: Whether the whole difference is no larger than that of two good readings.
+    """
+
+    causes: tuple[Explanation, ...] = ()
+    unexplained: float = math.nan
+    missing: str = ""
+    small: bool = False
+
+    @property
+    def left(self) -> str:
+        """Return what the causes leave of the difference, in words."""
+        if self.missing:
+            return f"What explains the difference is not known: {self.missing}."
+        whole = "a difference no larger than that of two good readings" if self.small else "the difference"
+        return f"Left unexplained: {self.unexplained * 100:.0f} % of {whole}."
+
+
+@dataclass(frozen=True)
 class Explanation:
     """One knob's best account of the difference.
 
@@ -64,8 +91,12 @@ class Explanation:
     share: float
 
 
-def explain(evidence: Evidence, lamp: Lamp) -> list[Explanation]:
-    """Return the accounts of a log that are worth a word, the best first; empty where nothing stands out.
+NOT_ASKED = Account(missing="no bent twins were asked")
+"""Where a diagnosis is not wanted."""
+
+
+def explain(evidence: Evidence, lamp: Lamp) -> Account:
+    """Return the accounts of a log that are worth a word, and what they leave unexplained.
 
     The first knob explains most by itself. Each that follows explains most of what those before it leave,
     all their sizes fitted together by the sensitivities found; what only looks like one of them explains nothing more,
@@ -75,9 +106,9 @@ def explain(evidence: Evidence, lamp: Lamp) -> list[Explanation]:
         evidence: The log and its bank of twins.
         lamp: The lamp's description.
     """
-    if not evidence.enough:
-        return []
-    every = knobs(lamp)
+    if evidence.missing:
+        return Account(missing=evidence.missing)
+    every = told_by(knobs(lamp), evidence)
     value, surveyed = evidence.readings.value, survey(evidence, every)
     base = surveyed[every[0].name][0]
     left = {knob: best for knob in every if abs((best := _best(surveyed[knob.name])).size) >= knob.about.worth}
@@ -89,7 +120,8 @@ def explain(evidence: Evidence, lamp: Lamp) -> list[Explanation]:
     while left and len(picked) < MOST:
         if picked:
             tries = {
-                knob: together(value, base.seen, seen, [slopes[each] for each in (*picked, knob)]) for knob in left
+                knob: together(value, base.seen, seen, [(slopes[each], *each.bounds) for each in (*picked, knob)])
+                for knob in left
             }
         else:
             tries = {knob: ([best.size], best.seen) for knob, best in left.items()}
@@ -107,26 +139,69 @@ def explain(evidence: Evidence, lamp: Lamp) -> list[Explanation]:
         for knob, size, share in zip(picked, sizes, shares, strict=True)
         if abs(size) >= knob.about.worth
     ]
-    return sorted([*found, *noise(evidence)], key=lambda one: -one.share)
+    causes = sorted([*found, *noise(evidence)], key=lambda one: -one.share)
+    return Account(tuple(causes), max(0.0, 1.0 - sum(one.share for one in causes)), small=small(value, base.seen))
 
 
-def together(value: Array, base: Array, seen: Array, slopes: list[Array]) -> tuple[list[float], Array]:
+def small(value: Array, predicted: Array) -> bool:
+    """Return whether readings are no further from a prediction than two good readings may be from each other.
+
+    Args:
+        value: Whitened readings, shape (K,).
+        predicted: Whitened predictions, shape (K,).
+    """
+    count = np.count_nonzero(np.isfinite(value - predicted))
+    return disagreement(value, predicted) <= disagreement(np.ones(count), np.zeros(count))
+
+
+def told_by(every: Sequence[Knob], *evidence: Evidence) -> list[Knob]:
+    """Return the knobs of which there is evidence: a joint that did not move tells nothing of its motor.
+
+    Args:
+        every: The knobs.
+        evidence: The logs; in one of them it must have moved.
+    """
+    moved = np.any([each.moved for each in evidence], axis=0)
+    return [
+        knob for knob in every if not knob.about.moving or (moved[knob.index] if knob.about.each else bool(moved.any()))
+    ]
+
+
+def together(
+    value: Array, base: Array, seen: Array, slopes: Sequence[tuple[Array, float, float]]
+) -> tuple[list[float], Array]:
     """Return the sizes that fit best when several knobs are bent at once, by their slopes, and what is then read.
 
     Args:
         value: Whitened readings, shape (K,).
         base: What the calibrated twin reads, shape (K,).
         seen: What is read with the best so far: readings that are far from it weigh little, shape (K,).
-        slopes: Change of the readings per size, one a knob, shape (K,) each.
+        slopes: Of each knob: change of the readings per size, shape (K,), and the smallest and largest size that is
+            believed.
     """
-    columns = np.stack(slopes, axis=1)
+    columns = np.stack([slope for slope, _, _ in slopes], axis=1)
+    low, high = np.array([bounds for _, *bounds in slopes]).T
     there = np.isfinite(value) & np.isfinite(columns).all(axis=1)
     sizes = np.zeros(len(slopes))
     for _ in range(REWEIGHTED):
         weight = np.sqrt((NU + 1) / (NU + (value - seen)[there] ** 2))
-        sizes = np.linalg.lstsq(columns[there] * weight[:, None], (value - base)[there] * weight, rcond=None)[0]
+        sizes = _bounded(columns[there] * weight[:, None], (value - base)[there] * weight, low, high)
         seen = base + columns @ sizes
     return sizes.tolist(), seen
+
+
+def _bounded(columns: Array, wanted: Array, low: Array, high: Array) -> Array:
+    """Return the least-squares sizes inside their bounds: one that would leave them stays there, the others follow."""
+    sizes, free = np.zeros(len(low)), np.ones(len(low), np.bool_)
+    while free.any():
+        rest = wanted - columns[:, ~free] @ sizes[~free]
+        sizes[free] = np.linalg.lstsq(columns[:, free], rest, rcond=None)[0]
+        outside = free & ((sizes < low) | (sizes > high))
+        sizes = np.clip(sizes, low, high)
+        if not outside.any():
+            break
+        free &= ~outside
+    return sizes
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.compare.comparison import Comparison
-from robolamp.compare.side import Base, origin
+from robolamp.compare.pauses import origin
+from robolamp.compare.side import Base
 from robolamp.log.reader import Run
 from robolamp.twin.body import Body
 from robolamp.twin.model import TwinModel
@@ -98,8 +99,8 @@ def _borrowed(comparison: Comparison) -> Base:
 
 
 def _panels(comparison: Comparison) -> dict[str, Any]:
-    called = comparison.other.name
-    pair = [("twin", called, "twin"), ("lamp", "lamp", "lamp")]
+    ours, called = comparison.lamp.name, comparison.other.name
+    pair = [("twin", called, "twin"), ("lamp", ours, "lamp")]
     panels: dict[str, Any] = {}
     for joint in comparison.joints:
         lines = [{"name": f"goal.{joint.name}", "label": "goal", "colour": "goal", "width": 1, "dash": [4, 3]}]
@@ -107,7 +108,7 @@ def _panels(comparison: Comparison) -> dict[str, Any]:
         panels[joint.name] = {"lines": lines, "unit": "rad", "digits": 3, "height": 210}
         allowed = comparison.tolerances.joint_mae * 1e3
         panels[f"off {joint.name}"] = {
-            "lines": [{"name": f"off.{joint.name}", "label": f"lamp less {called}", "colour": "lamp"}],
+            "lines": [{"name": f"off.{joint.name}", "label": f"{ours} less {called}", "colour": "lamp"}],
             "unit": "mrad", "digits": 1, "height": 110, "band": allowed, "symmetric": 1.2 * allowed,
         }  # fmt: skip
         lines = [{"name": f"{who}.current.{joint.name}", "label": label, "colour": c} for who, label, c in pair]

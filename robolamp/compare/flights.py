@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 MATCH = 0.15
 """Flights whose middles are further apart than this are not the same hop [s]."""
+UNSEEN = 0.06
+"""Longest time without a reading of the foot in a flight [s]: half of the shortest that hop makes, three ticks."""
 GRAVITY = 9.81
 """[m/s^2]."""
 
@@ -91,7 +93,13 @@ def flights(side: Side, lamp: Lamp) -> list[Flight]:
             ticks = round((time[row - 1] - time[last]) / period)
             if ticks * period >= shortest_flight(lamp.flight_time, period) and off >= 0.0:
                 found.append(Flight(off, on))
-    return found
+    return [flight for flight in found if _seen(flight, time)]
+
+
+def _seen(flight: Flight, time: Array) -> bool:
+    """Return whether the foot was read all through a flight: where it was not, it may have stood."""
+    during = time[(time >= flight.off - UNSEEN) & (time <= flight.on + UNSEEN)]
+    return bool((np.diff(during) <= UNSEEN).all())
 
 
 def _crossing(time: Array, force: Array, rows: tuple[int, int], threshold: float) -> float:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robolamp.compare.side import covers, origin
+from robolamp.compare.pauses import origin
+from robolamp.compare.side import covers
 from robolamp.lamp import Lamp
 from robolamp.log.reader import Run, Truth
 from robolamp.twin.flown import flown

@@ -21,7 +21,8 @@ from robolamp.compare.comparison import Comparison
 from robolamp.compare.course import BANDS
 from robolamp.compare.figures import moving, page_data
 from robolamp.compare.flights import Flight
-from robolamp.compare.side import Base, origin
+from robolamp.compare.pauses import origin
+from robolamp.compare.side import Base
 from robolamp.compare.task import DONE, NOT_DONE
 from robolamp.compare.task import cm as _cm
 from robolamp.compare.verdict import CANNOT_SAY, INSIDE
@@ -62,7 +63,9 @@ def page(comparison: Comparison) -> str:
         _facts(comparison, name),
         _sources(comparison),
     ]
-    return document(f"{name}: lamp against {comparison.other.name}", "\n".join(body), page_data(comparison))
+    return document(
+        f"{name}: {comparison.lamp.name} against {comparison.other.name}", "\n".join(body), page_data(comparison)
+    )
 
 
 def document(title: str, body: str, data: str, style: str = "") -> str:
@@ -124,26 +127,33 @@ def _sentences(said: Sequence[str]) -> str:
 
 def sentence(comparison: Comparison) -> str:
     """Return how far the two are apart in a sentence or two."""
-    joints = [joint for joint in comparison.joints if joint.samples]
+    joints = [joint for joint in comparison.joints if joint.known]
+    if not joints:
+        return "Of no joint are there readings enough to compare."
     mean = float(np.mean([joint.after.mae for joint in joints])) * 1e3
     worst = max(joints, key=lambda joint: joint.after.mae)
     lags = [joint.lag for joint in joints if math.isfinite(joint.lag)]
     lag = float(np.median(lags)) * 1e3 if lags else math.nan
     late = f", with a lag of {lag:+.1f} ms removed" if math.isfinite(lag) else ""
-    whose = "twin's" if comparison.other.name == "twin" else f"reference's ({comparison.other.name})"
+    whose = f"{comparison.other.name}'s"
     said = (
         f"On average the joints are {mean:.1f} mrad from the {whose}{late}; the {worst.name} is off most, by "
         f"{worst.after.mae * 1e3:.1f} mrad (allowed: {comparison.tolerances.joint_mae * 1e3:.0f})."
     )
     if math.isfinite(comparison.lamp_travel) and math.isfinite(comparison.twin_travel):
-        who = "the twin, replaying its goals," if comparison.reference is None else comparison.other.name
-        said += f" The lamp came {_cm(comparison.lamp_travel)}, {who} {_cm(comparison.twin_travel)}."
+        who = "twin, replaying its goals," if comparison.reference is None else comparison.other.name
+        said += (
+            f" The {comparison.lamp.name} came {_cm(comparison.lamp_travel)}, the {who} {_cm(comparison.twin_travel)}."
+        )
     return said
 
 
 def _head(comparison: Comparison, name: str) -> str:
     backend = _ARTICLE.get(comparison.run.context.get("backend", ""), "a lamp")
-    against = "its twin" if comparison.reference is None else f"the run {comparison.reference.path.name}"
+    against = "its twin"
+    if comparison.reference is not None:
+        against = f"{comparison.other.name} ({comparison.reference.path.name})"
+        backend += f", {comparison.lamp.name}"
     cut = "<p class='note'>The log ends early: the process that wrote it was killed. What it holds is compared.</p>"
     parts = "".join(
         f"<div class='part {colour}'><h2>{text(asked)}</h2><p class='badge'>{text(word)}</p><p>{text(why)}</p></div>"
@@ -180,15 +190,21 @@ def _colours(comparison: Comparison) -> tuple[str, str, str]:
 
 def _parted(comparison: Comparison) -> str:
     parting = comparison.parting
-    if math.isnan(parting.time):
-        return "They do not part for good: joints and base stay, or come back, within what is allowed."
-    when = f"They part for good {parting.time:.2f} s into the run, the {parting.joint} first"
-    return f"{when}; just then: {', '.join(parting.just_then)}." if parting.just_then else f"{when}."
+    just_then = f"; just then: {', '.join(parting.just_then)}." if parting.just_then else "."
+    if math.isfinite(parting.time):
+        return f"They part for good {parting.time:.2f} s into the run, the {parting.joint} first{just_then}"
+    if not parting.joint:
+        return "They stay together: at no time are joints or base further apart than is allowed."
+    return (
+        f"They part {parting.first:.2f} s into the run, the {parting.joint} first, and are together again "
+        f"from {parting.last:.2f} s on{just_then}"
+    )
 
 
 def _diagnosis(comparison: Comparison) -> str:
     if not comparison.diagnosis:
-        return "<section><h2>What is different</h2><p>Nothing stands out.</p></section>"
+        left = text(comparison.account.left)
+        return f"<section><h2>What is different</h2><p>Nothing stands out.</p><p class='note'>{left}</p></section>"
     items = ""
     for finding in comparison.diagnosis:
         share = ""
@@ -196,7 +212,7 @@ def _diagnosis(comparison: Comparison) -> str:
             width = max(finding.share, 0.01)
             share = f"<div class='bar' title='{finding.share:.0%}'><i style='width:{width:.1%}'></i></div>"
         items += (
-            f"<li><strong>{text(_capital(finding.cause))}.</strong>{share}"
+            f"<li><strong>{text(_capital(finding.cause))}</strong> ({finding.explains}).{share}"
             f"<p>{text(_capital(finding.evidence))}.</p><p class='remedy'>{text(_capital(finding.remedy))}.</p></li>"
         )
     how = (
@@ -206,16 +222,23 @@ def _diagnosis(comparison: Comparison) -> str:
         else "Likeliest first. The twin was replayed with each of its numbers bent; the bar is how much of the "
         "difference the best size explains, each line beyond those above it"
     )
-    return f"<section><h2>What is different</h2><p class='note'>{how}.</p><ol class='diagnosis'>{items}</ol></section>"
+    return (
+        f"<section><h2>What is different</h2><p class='note'>{how}.</p><ol class='diagnosis'>{items}</ol>"
+        f"<p>{text(comparison.account.left)}</p></section>"
+    )
 
 
 def _motion(comparison: Comparison) -> str:
     shown, pictures = _shown(comparison), ""
     for who, side in (("twin", comparison.other), ("lamp", comparison.lamp)):
         if side.base is not None and shown:
-            title = f"The {side.name}" + (", as it truly moved" if who == "lamp" else "")
+            title = f"The {side.name}" + (", as it truly moved" if who == "lamp" or comparison.reference else "")
             pictures += _figure(_strip(comparison, side.base, shown), who, title)
-    borrowed = "" if comparison.lamp.base else " Nothing measures where the lamp's base is: it is drawn on the twin's."
+    borrowed = (
+        ""
+        if comparison.lamp.base
+        else f" Nothing measures where the {comparison.lamp.name}'s base is: {_drawn(comparison)}."
+    )
     return (
         "<section><h2>The motion</h2><p class='note'>At half speed; or move over any plot below."
         f"{text(borrowed)}</p><figure><canvas id='stage' role='img' aria-label='Both lamps from the side'></canvas>"
@@ -223,6 +246,10 @@ def _motion(comparison: Comparison) -> str:
         "<input id='moment' type='range' min='0' value='0' aria-label='Moment'><output id='clock'></output>"
         f"{_legend(comparison, goal=False)}</div></figure>{pictures}</section>"
     )
+
+
+def _drawn(comparison: Comparison) -> str:
+    return "it is drawn on the twin's" if comparison.reference is None else "it is drawn on its replay's in the twin"
 
 
 def _shown(comparison: Comparison) -> dict[float, str]:
@@ -292,7 +319,8 @@ def _joints(comparison: Comparison) -> str:
     )
     return (
         "<section><h2>The joints</h2><p class='note'>Over the controller's part of the run (unshaded in the plots). "
-        f"A positive lag means that the lamp is later; errors are lamp minus {text(comparison.other.name)}. “No lag” "
+        f"A positive lag means that the {text(comparison.lamp.name)} is later; errors are {text(comparison.lamp.name)} "
+        f"minus {text(comparison.other.name)}. “No lag” "
         f"is with each joint's own lag removed, and what the tolerance is for: {allowed.joint_mae * 1e3:g} mrad, "
         f"{allowed.lag * 1e3:g} ms. Drag over a plot to look closer; a double click shows everything again.</p>"
         f"<div class='scroll'><table class='numbers'><thead>{head}</thead><tbody>{body}</tbody></table></div>"
@@ -347,12 +375,13 @@ def _hops(comparison: Comparison) -> str:
             f"<td>{_flight(hop.lamp, 'time')}</td><td>{_flight(hop.twin, 'time')}</td>"
             f"<td>{_flight(hop.lamp, 'apex')}</td><td>{_flight(hop.twin, 'apex')}</td></tr>"
         )
-    called = text(comparison.other.name)
+    ours, called = text(comparison.lamp.name), text(comparison.other.name)
     head = (
-        "<tr><th rowspan=2>hop</th><th colspan=2>the lamp <small>s</small></th><th colspan=2>how late <small>ms</small>"
-        "</th><th colspan=2>flight <small>ms</small></th><th colspan=2>apex <small>mm</small></th></tr>"
-        f"<tr><th>takes off</th><th>lands</th><th>takes off</th><th>lands</th><th>lamp</th><th>{called}</th>"
-        f"<th>lamp</th><th>{called}</th></tr>"
+        f"<tr><th rowspan=2>hop</th><th colspan=2>the {ours} <small>s</small></th>"
+        "<th colspan=2>how late <small>ms</small></th><th colspan=2>flight <small>ms</small></th>"
+        "<th colspan=2>apex <small>mm</small></th></tr>"
+        f"<tr><th>takes off</th><th>lands</th><th>takes off</th><th>lands</th><th>{ours}</th><th>{called}</th>"
+        f"<th>{ours}</th><th>{called}</th></tr>"
     )
     return (
         "<section><h2>The hops</h2><p class='note'>By the foot sensor: off the floor for "
@@ -395,13 +424,20 @@ def _facts(comparison: Comparison, name: str) -> str:
         ("Controller", name),
         ("Goal", _cm(run.goal_m)),
         ("Landed", _landed(comparison)),
-        ("Upright", f"lamp {_stood(comparison.lamp.fell)}, {called} {_stood(comparison.other.fell)}"),
-        ("Hops", f"{comparison.lamp.hops} on the lamp, {comparison.other.hops} of the {called} (by the foot sensor)"),
+        ("Upright", f"{comparison.lamp.name} {_stood(comparison.lamp.fell)}, {called} {_stood(comparison.other.fell)}"),
+        (
+            "Hops",
+            f"{comparison.lamp.hops} of the {comparison.lamp.name}, {comparison.other.hops} of the {called} "
+            "(by the foot sensor)",
+        ),
         ("Controller again", comparison.control.text),
         ("Ticks", f"{run.index.size} of {run.control_period * 1e3:g} ms; {run.missed_ticks} missed"),
         ("Faults", told),
         ("Envelope", f"{changed[0]} not finite, {changed[1]} limited, {changed[2]} slewed"),
-        ("Twin", f"calibration {comparison.calibration.name}, {comparison.calibration.hash[:12]}{_same(comparison)}"),
+        (
+            "Twin" if comparison.reference is None else "Replayed in the twin",
+            f"calibration {comparison.calibration.name}, {comparison.calibration.hash[:12]}{_same(comparison)}",
+        ),
         ("Versions", run.context.get("versions", "not in the log")),
         ("Command", run.context.get("command", "not in the log")),
         ("Log", str(run.path)),
@@ -419,9 +455,9 @@ def _landed(comparison: Comparison) -> str:
     replays = " (replaying the lamp's goals)" if comparison.reference is None else ""
     other = f"{comparison.other.name}{replays} {_cm(comparison.twin_travel)}"
     if not math.isfinite(comparison.lamp_travel):
-        said = f"{other}; the lamp's own travel is not measured"
+        said = f"{other}; the {comparison.lamp.name}'s own travel is not measured"
     else:
-        said = f"lamp {_cm(comparison.lamp_travel)}, {other}"
+        said = f"{comparison.lamp.name} {_cm(comparison.lamp_travel)}, {other}"
     return said if comparison.alone.why else f"{said}; the controller alone on the twin {_cm(comparison.alone.travel)}"
 
 
@@ -456,8 +492,10 @@ def _sources(comparison: Comparison) -> str:
 
 def _legend(comparison: Comparison, goal: bool = True) -> str:
     sent = "<span><i class='swatch goal'></i>goal</span>" if goal else ""
-    called = text(comparison.other.name)
-    return f"<span class='legend'><span>{_swatch('twin')}{called}</span><span>{_swatch('lamp')}lamp</span>{sent}</span>"
+    ours, called = text(comparison.lamp.name), text(comparison.other.name)
+    return (
+        f"<span class='legend'><span>{_swatch('twin')}{called}</span><span>{_swatch('lamp')}{ours}</span>{sent}</span>"
+    )
 
 
 def _swatch(who: str) -> str:

@@ -20,12 +20,13 @@ from robolamp.compare.course import parting, plain, residuals, spectrum
 from robolamp.compare.diagnosis import Finding, diagnose
 from robolamp.compare.ending import ending_of
 from robolamp.compare.evidence import Evidence
-from robolamp.compare.explain import explain
+from robolamp.compare.explain import NOT_ASKED, Account, explain
 from robolamp.compare.flights import flights, hops
 from robolamp.compare.landing import Landing, landing_of
+from robolamp.compare.pauses import origin
 from robolamp.compare.replay import Replay, replay
 from robolamp.compare.report import write_report
-from robolamp.compare.side import Side, compared, of_replay, of_run, origin
+from robolamp.compare.side import Side, compared, of_replay, of_run
 from robolamp.compare.task import task_of
 from robolamp.compare.tolerances import Tolerances, load_tolerances
 from robolamp.compare.verdict import verdict_of
@@ -73,12 +74,12 @@ def compare_log(
     lamp = load_lamp(assets)
     twin = replay(run, lamp, calibration, assets)
     comparison = _lay_over(
-        run, twin, lamp, *seen(run, true, landed, lamp), of_replay(run, twin), None, calibration, assets, allowed, report,
-        twin_log,
+        run, twin, lamp, *seen(run, true, landed, lamp), of_replay(run, twin), None, calibration, assets, allowed,
+        report, twin_log,
     )  # fmt: skip
-    explained = explain(Evidence(run, lamp, calibration, assets), lamp) if diagnosis else []
-    found = diagnose(run, explained, comparison.joints, calibration, lamp)
-    return _finish(comparison, tuple(found))
+    account = explain(Evidence(run, lamp, calibration, assets), lamp) if diagnosis else NOT_ASKED
+    found = diagnose(run, account, comparison.joints, calibration, lamp, truth=true)
+    return _finish(comparison, tuple(found), account)
 
 
 def compare_logs(
@@ -120,19 +121,22 @@ def compare_logs(
     lamp = load_lamp(assets)
     true = [None if truth is None else read_truth(truth) for truth in truths]
     twin = replay(run, lamp, calibration, assets)
-    ours, landing = seen(run, true[0], None, lamp)
-    other = of_run(held, true[1], _called(held))
+    names = called(run, held)
+    ours, landing = seen(run, true[0], None, lamp, names[0])
+    other = of_run(held, true[1], names[1])
     # Beyond the end of the other's run the two no longer do the same.
     rows = compared(held)
     end = float(held.scheduled[rows][-1]) - origin(held) + held.control_period
     other = dataclasses.replace(other, angle=np.where(other.time <= end, other.angle, np.nan))
+    other = other.on_clock_of(run, held)
     comparison = _lay_over(run, twin, lamp, ours, landing, other, held, calibration, assets, allowed, report, None)
-    explained = []
+    account = NOT_ASKED
     if diagnosis:
         both = Evidence(run, lamp, calibration, assets), Evidence(held, lamp, calibration, assets)
-        explained = changed(*both, lamp)
+        account = changed(*both, lamp)
     than = "in the simulation" if comparison.other.name == "twin" else "before"
-    return _finish(comparison, tuple(diagnose(run, explained, comparison.joints, calibration, lamp, than)))
+    found = diagnose(run, account, comparison.joints, calibration, lamp, than, truth=true[0])
+    return _finish(comparison, tuple(found), account)
 
 
 def read_either(path: Path | str) -> Run:
@@ -191,7 +195,7 @@ def _lay_over(
     if not any(joint.samples for joint in joints):
         raise FileError("no joint has a reading to compare", str(run.path))
     found = hops(flights(ours, lamp), flights(other, lamp))
-    off = residuals(ours, other, joints)
+    off = residuals(run, ours, other, joints)
     rows = compared(run)
     zero = origin(run)
     ending = ending_of(run)
@@ -206,7 +210,7 @@ def _lay_over(
         reference=reference,
         replay=twin,
         joints=joints,
-        plain=plain(ours, other, begin, end),
+        plain=plain(ours, other, rows),
         spectra=tuple(spectrum(joint.name, *each) for joint, each in zip(joints, within, strict=True)),
         flights=tuple(found),
         parting=parting(run, ours, other, joints, found, allowed.joint_mae, allowed.travel),
@@ -218,12 +222,13 @@ def _lay_over(
         alone=alone,
         landing=landing,
         diagnosis=(),
+        account=NOT_ASKED,
         report=report,
         twin_log=twin_log,
     )
 
 
-def seen(run: Run, truth: Truth | None, ruler: float | None, lamp: Lamp) -> tuple[Side, Landing]:
+def seen(run: Run, truth: Truth | None, ruler: float | None, lamp: Lamp, name: str = "lamp") -> tuple[Side, Landing]:
     """Return the lamp's side of a run, and what is known of where it landed: by a ruler before the truth.
 
     Args:
@@ -231,18 +236,19 @@ def seen(run: Run, truth: Truth | None, ruler: float | None, lamp: Lamp) -> tupl
         truth: What the emulated lamp truly did, where that is known.
         ruler: How far the base came [m]; None: nobody measured it.
         lamp: The lamp's description.
+        name: What to call it.
 
     Raises:
         FileError: The truth is of another run.
     """
-    side, landing = of_run(run, truth, "lamp"), landing_of(run, truth, lamp)
+    side, landing = of_run(run, truth, name), landing_of(run, truth, lamp)
     if ruler is None:
         return side, landing
     return dataclasses.replace(side, travel=ruler), dataclasses.replace(landing, travel=ruler)
 
 
-def _finish(comparison: Comparison, found: tuple[Finding, ...]) -> Comparison:
-    whole = dataclasses.replace(comparison, diagnosis=found)
+def _finish(comparison: Comparison, found: tuple[Finding, ...], account: Account) -> Comparison:
+    whole = dataclasses.replace(comparison, diagnosis=found, account=account)
     if whole.twin_log is not None:
         _write_twin_log(whole, whole.twin_log)
     write_report(whole)
@@ -270,8 +276,20 @@ def _same_task(run: Run, held: Run) -> None:
         raise FileError(f"goes to {held.goal_m:g} m, {run.path} to {run.goal_m:g} m: not one task", str(held.path))
 
 
-def _called(held: Run) -> str:
-    return "twin" if held.context.get("backend") == "twin" else held.path.stem
+def called(run: Run, held: Run) -> tuple[str, str]:
+    """Return what to call the two sides of two logs: by the file, or by the first folder that is not the same.
+
+    Args:
+        run: The run that is judged.
+        held: What it is held against.
+    """
+    if held.context.get("backend") == "twin":
+        return "lamp", "twin"
+    ours, theirs = run.path.absolute().with_suffix("").parts, held.path.absolute().with_suffix("").parts
+    for one, other in zip(reversed(ours), reversed(theirs), strict=False):
+        if one != other:
+            return f"lamp {one}", f"lamp {other}"
+    return "lamp", "lamp (the same log)"
 
 
 def _write_twin_log(comparison: Comparison, path: Path) -> None:

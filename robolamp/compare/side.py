@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.compare.align import MIN_SAMPLES, Trace
+from robolamp.compare.pauses import on_clock_of, origin
 from robolamp.compare.replay import Replay
 from robolamp.errors import FileError
 from robolamp.log.reader import Run, Truth
@@ -43,7 +44,7 @@ class Side:
     """What one of the two did. Times are from the first tick of phase "run" (of the log, where it has none) [s].
 
     Attributes:
-        name: What to call it: "lamp", "twin", or a log's name.
+        name: What to call it: "lamp", "twin", or, of two lamps, "lamp" and the log's name.
         time: When each angle was sampled, shape (m, n) [s].
         angle: Joint angles, shape (m, n) [rad]; NaN where missing.
         velocity: Joint velocities, shape (k, n) [rad/s].
@@ -72,11 +73,19 @@ class Side:
         """Return a joint's angle."""
         return Trace.of(self.time[:, joint], self.angle[:, joint])
 
+    def on_clock_of(self, run: Run, own: Run) -> Side:
+        """Return the side with its times on the clock of another run: what is missing in the pauses of both is NaN.
 
-def origin(run: Run) -> float:
-    """Return the moment that a run's times are counted from, on its own clock [s]."""
-    running = np.flatnonzero(run.phase == "run")
-    return float(run.scheduled[running[0] if running.size else 0])
+        Args:
+            run: The other run.
+            own: The run that this side is of.
+        """
+        base = self.base
+        if base is not None:
+            time = on_clock_of(run, own, base.time)
+            there = np.isfinite(time)
+            base = Base(time[there], base.x[there], base.z[there], base.pitch[there], base.angle[there])
+        return replace(self, time=on_clock_of(run, own, self.time), tick=on_clock_of(run, own, self.tick), base=base)
 
 
 def compared(run: Run) -> NDArray[np.bool_]:

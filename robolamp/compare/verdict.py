@@ -16,7 +16,8 @@ import numpy as np
 from robolamp.compare.align import MIN_SAMPLES, STILL, JointError
 from robolamp.compare.ending import EARLY_ENDS, Ending
 from robolamp.compare.flights import Hop
-from robolamp.compare.side import Side, compared, origin
+from robolamp.compare.pauses import origin, pauses, silent
+from robolamp.compare.side import Side, compared
 from robolamp.compare.tolerances import Tolerances
 from robolamp.log.reader import Run
 
@@ -74,7 +75,7 @@ def verdict_of(
         other: What it is held against.
         allowed: The tolerances.
     """
-    rows = compared(run)
+    rows = compared(run) & ~silent(run)  # a port that was away for a while is no reading that went missing
     missing = np.count_nonzero(~np.isfinite(run.angle[rows]), axis=0).tolist()
     exceeded = [
         *_fell(lamp, other), *_joints(joints, missing, allowed), *_hops(hops, allowed, lamp, other),
@@ -136,15 +137,20 @@ def _foot(run: Run, rows: np.ndarray, allowed: Tolerances) -> Iterator[str]:
 
 def _faults(run: Run) -> Iterator[str]:
     """Yield the faults while the controller drove: the twin knows none."""
-    rows = np.flatnonzero(run.phase == "run")
+    gone = silent(run)
+    rows = np.flatnonzero((run.phase == "run") & ~gone)
     if not rows.size:
         return
+    away = [(run.log_time[np.flatnonzero(~gone[: each.last + 1])[-1]], run.log_time[each.next]) for each in pauses(run)]
     faults = Counter(text for row in rows for text in run.faults[row])
     begin, end = run.log_time[rows[0]], run.log_time[rows[-1]] + int(run.control_period * 1e9)
     told = {
         text
         for when, level, text in run.events
-        if level != "info" and begin <= when <= end and not text.startswith(EARLY_ENDS)
+        if level != "info"
+        and begin <= when <= end
+        and not text.startswith(EARLY_ENDS)
+        and not any(left < when <= back for left, back in away)
     }
     for text in sorted(told - set(faults)):
         if not any(fault in text for fault in faults):

@@ -39,6 +39,9 @@ AT_TORQUE_ON: Mapping[Name, int] = MappingProxyType(
 )
 """What is written whenever torque goes on, besides P gain, Goal PWM, the goal and the Bus Watchdog: goals are followed
 at once, by proportional control alone, as the twin does it."""
+SETTINGS = ((10, 53), (80, 36))
+"""Addresses and lengths of what changes how a servo goes to its goals, the same in every model: Drive Mode to PWM
+Slope, Position D Gain to Profile Velocity."""
 
 TORQUE_OFF_ATTEMPTS = 3
 """How often each servo is told to turn its torque off, on top of the bus's own attempts."""
@@ -157,6 +160,21 @@ class Servos:
             BusError: It does not answer, refuses, or the port is gone.
         """
         self._bus.write(self._ids[index], self._models[index][name], value)
+
+    def settings(self) -> list[dict[Name, int]]:
+        """Return what each servo is set to, in counts: all registers of SETTINGS, in one sync read for each range.
+
+        Returns:
+            One mapping a servo; empty for one that does not answer, or where the port is gone.
+        """
+        found: list[dict[Name, int]] = [{} for _ in self._ids]
+        with contextlib.suppress(BusError):
+            for first, length in SETTINGS:
+                answers = self._bus.sync_read(self._ids, first, length)
+                for index, (servo, model) in enumerate(zip(self._ids, self._models, strict=True)):
+                    if servo in answers:
+                        found[index] |= _registers(model, first, answers[servo].data)
+        return found
 
     def torque_on(self, p_gain: Sequence[int], watchdog: float, duty: float = 1.0) -> None:
         """Turn torque on: profile and other gains off, P gain set, goal := present, then torque, checked, and watchdog.
@@ -326,3 +344,12 @@ def _alike(block: Answer, direct: Answer) -> bool:
     """Whether a health block says the same as the registers themselves; what is unknown is not alike."""
     found, wanted = (dict[Name, float](zip(COLUMNS, one.values, strict=True)) for one in (block, direct))
     return all(abs(found[name] - wanted[name]) <= most for name, most in _ALIKE.items())
+
+
+def _registers(model: Model, first: int, data: bytes) -> dict[Name, int]:
+    """Return the registers whose bytes lie in a stretch of a servo's memory, in counts."""
+    return {
+        name: int.from_bytes(data[row.address - first : row.address - first + row.size], "little", signed=row.signed)
+        for name, row in model.registers.items()
+        if first <= row.address and row.address + row.size <= first + len(data)
+    }

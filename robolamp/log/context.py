@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import platform
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 
 from robolamp.calibration import Calibration
@@ -13,6 +14,9 @@ from robolamp.lamp import Lamp
 
 BACKENDS = ("twin", "emulator", "lamp")
 """What a log may come from."""
+
+SERVO_SETTINGS = "servo_settings"
+"""Where the context keeps what the servos were set to once torque was on; a log of 0.1.0 has none."""
 
 _PACKAGES = ("robolamp", "mujoco", "numpy", "dynamixel-sdk", "mcap")
 
@@ -70,3 +74,28 @@ def run_context(
         "versions": versions(),
         "command": shlex.join(sys.argv),
     }
+
+
+def settings_context(settings: Mapping[str, Mapping[str, int]]) -> dict[str, str]:
+    """Return what the servos are set to, as a context keeps it; empty where nothing is known.
+
+    Args:
+        settings: By joint and register, in counts.
+    """
+    return {SERVO_SETTINGS: json.dumps(settings)} if settings else {}
+
+
+def servo_settings(context: Mapping[str, str]) -> dict[str, dict[str, int]]:
+    """Return what the servos were set to in a run, by joint and register, in counts; empty where it is not known.
+
+    Args:
+        context: The run's.
+    """
+    try:
+        found = json.loads(context.get(SERVO_SETTINGS, "{}"))
+        return {
+            str(joint): {str(name): int(value) for name, value in registers.items()}
+            for joint, registers in found.items()
+        }
+    except (ValueError, TypeError, AttributeError, RecursionError):
+        return {}

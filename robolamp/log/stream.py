@@ -272,7 +272,7 @@ def _message(data: bytes, contents: Contents) -> None:
 
 def _metadata(data: bytes, contents: Contents) -> None:
     metadata = Metadata.read(ReadDataStream(io.BytesIO(data)))
-    contents.metadata[metadata.name] = metadata.metadata
+    contents.metadata.setdefault(metadata.name, {}).update(metadata.metadata)  # some is known later than the rest
 
 
 _READERS: dict[int, Callable[[bytes, Contents], None]] = {

@@ -48,6 +48,7 @@ def _monotonic_offset() -> int:
     return wall - (before + after) // 2
 
 
+_CONTEXT = "context"  # in place of a schema: a metadata record
 _END: tuple[_Message, ...] = (_Message("", "", {}, 0),)
 _EVENTS = f"{LAMP_PREFIX}/events"
 _LAST_ID = 0xFFFF  # of schema and channel of the event that closes a log on a full disk: out of the way of the others
@@ -169,6 +170,15 @@ class LogWriter:
         moment = time.time_ns() if at is None else self.log_time(at)
         self._put(_Message(_EVENTS, EVENT, {"level": level, "text": text}, moment))
 
+    def context(self, more: Mapping[str, str]) -> None:
+        """Add to the run's context what was not known yet when the log was opened.
+
+        Args:
+            more: Texts by name; one that is there already is replaced.
+        """
+        if more:
+            self._put(_Message(METADATA, _CONTEXT, more, 0))
+
     def message(self, topic: str, schema: str, content: Mapping[str, Any], at: float) -> None:
         """Log a message of any known type.
 
@@ -223,6 +233,9 @@ class LogWriter:
             return ()
 
     def _encode(self, message: _Message) -> None:
+        if message.schema == _CONTEXT:
+            self._writer.add_metadata(message.topic, dict(message.content))
+            return
         if message.schema not in self._encoders:
             definition = DEFINITIONS[message.schema]
             number = self._writer.register_schema(message.schema, SchemaEncoding.ROS2, definition.encode())

@@ -162,6 +162,11 @@ class RobotLamp:
                     self._bus.open()
             self.left_on = tuple(self.joints[index] for index in self._servos.torque_off())
 
+    def settings(self) -> dict[str, dict[str, int]]:
+        """Return what the servos are set to, by joint and register, in counts; without those that do not answer."""
+        found = zip(self.joints, self._ready().settings(), strict=True)
+        return {joint: {str(name): value for name, value in known.items()} for joint, known in found if known}
+
     def observe(self) -> Observation:
         """Read servos and foot sensor once; what is missing is a gap, with a fault that names it."""
         faults: list[str] = []

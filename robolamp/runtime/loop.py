@@ -34,6 +34,9 @@ START_HOLD = 0.5
 LANDING = 1.0
 """Time from the last goal to the rest pose [s]."""
 
+TORQUE_ON = "torque on"
+"""The event once torque is on."""
+
 _REQUEST = "request to stop"
 
 
@@ -260,7 +263,7 @@ class _Loop:
             return
         self._powered = True
         self._backend.torque(True)
-        self._say("info", "torque on")
+        self._say("info", TORQUE_ON)
 
     def _resume(self, reason: str, target: Array) -> None:
         """Wait for servos that fell silent altogether, and bring the lamp softly to where it was to be.

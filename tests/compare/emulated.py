@@ -2,27 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from robolamp.controller.file import load_controller
 from robolamp.controller.pilot import Pilot
+from robolamp.emulator.faults import Event, Faults
 from robolamp.emulator.lamp import EmulatedLamp
 from robolamp.emulator.lockstep import Lockstep
 from robolamp.emulator.reality import Reality
 from robolamp.emulator.truth import TruthLog
-from robolamp.log.context import run_context
+from robolamp.log.context import run_context, settings_context
 from robolamp.log.schemas import ANSWER_WIRE
 from robolamp.log.writer import LogWriter
 from robolamp.robot.lamp import RobotLamp
-from robolamp.runtime.loop import run
+from robolamp.runtime.loop import TORQUE_ON, run
 
 from .lamps import ASSETS, CALIBRATION, LAMP
 
 
-def hop(path: Path, reality: Reality, *, goal: float = 0.30, name: str = "hop", day: int = 0) -> Path:
-    """Write the log of a run of `hop` on an emulated lamp, and truth.mcap beside it; returns the log."""
+def hop(
+    path: Path,
+    reality: Reality,
+    *,
+    goal: float = 0.30,
+    name: str = "hop",
+    day: int = 0,
+    events: tuple[Event, ...] = (),
+    on_event: Callable[[str, EmulatedLamp], None] | None = None,
+    duration: float = 3.0,
+) -> Path:
+    """Write the log of a run of `hop` on an emulated lamp, and truth.mcap beside it; returns the log.
+
+    `events` go wrong on the bus, after which the run goes on as with --resume-after-replug; `on_event` hears of the
+    loop's events, before the log does, which then holds how the servos were set.
+    """
     controller = load_controller(ASSETS.named("hop", "sim/lamp/controllers", "controller"), LAMP, on_board=True)
-    world = EmulatedLamp(LAMP, CALIBRATION, ASSETS, reality)
+    world = EmulatedLamp(LAMP, CALIBRATION, ASSETS, reality, faults=Faults("script", 1, events=events))
     ports = Lockstep(world, LAMP.bus_baud)
     robot = RobotLamp(LAMP, ports.servo_port, ports.foot_port, ports.clock)
     pilot = Pilot(controller, LAMP, goal)
@@ -42,7 +58,18 @@ def hop(path: Path, reality: Reality, *, goal: float = 0.30, name: str = "hop", 
     robot.open()
     context[ANSWER_WIRE] = repr(robot.answer_wire_time)
     with LogWriter(path, context=context, joints=LAMP.names, epoch=epoch, lossless=True) as log:
-        run(robot, pilot, LAMP, period=controller.control_period, duration=3.0, on_tick=log.tick)
+
+        def heard(level: str, text: str) -> None:
+            log.event(level, text, ports.clock.now())
+            if on_event:
+                on_event(text, world)
+                if text == TORQUE_ON:
+                    log.context(settings_context(robot.settings()))
+
+        run(
+            robot, pilot, LAMP, period=controller.control_period, duration=duration, on_tick=log.tick, on_event=heard,
+            reconnect=robot.reconnect,
+        )  # fmt: skip
     robot.close()
     truth.close()
     return path

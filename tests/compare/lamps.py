@@ -40,14 +40,16 @@ def write_run(
     *,
     noise: float = 0.0,
     lost: float = 0.0,
+    blind: str = "",
     skip: tuple[int, ...] = (),
     send: float = SEND,
     duty: float | None = None,
 ) -> tuple[Path, Path]:
     """Write a log and its truth; returns both paths.
 
-    `noise` [rad] is added to the angles, a share `lost` of them is missing, the ticks in `skip` did not run, and goals
-    leave `send` [s] after a tick's start. With a `duty` the motors get no more of the supply, and the log says so.
+    What is `blind` (angle, current, foot_force) is read in every 50th tick alone. `noise` [rad] is added to the
+    angles, a share `lost` of them is missing, the ticks in `skip` did not run, and goals leave `send` [s] after a
+    tick's start. With a `duty` the motors get no more of the supply, and the log says so.
     """
     lamp = TwinLamp(build(LAMP, CALIBRATION, ASSETS, bend), duty=1.0 if duty is None else duty)
     lamp.open()
@@ -76,6 +78,8 @@ def write_run(
             seen = lamp.observe()
             seen.angle = seen.angle + random.normal(0.0, noise, 3)
             seen.angle[random.random(3) < lost] = np.nan
+            if blind and index % 50:
+                setattr(seen, blind, getattr(seen, blind) * np.nan)
             lamp.advance_to(at + send - lamp.twin.line_delay)
             lamp.command(Command(goal(index)))
             phase = "start" if index < START else "run" if index < START + RUN else "landing"

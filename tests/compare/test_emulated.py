@@ -54,7 +54,7 @@ def test_the_controller_gives_the_logged_goals_to_the_bit_and_a_bent_log_says_fr
 
 
 def test_nothing_is_named_on_a_lamp_that_nothing_bends(straight):
-    assert explain(Evidence(read_run(straight), LAMP, CALIBRATION, ASSETS), LAMP) == []
+    assert explain(Evidence(read_run(straight), LAMP, CALIBRATION, ASSETS), LAMP).causes == ()
 
 
 def test_a_log_says_how_long_answers_are_on_the_wire(straight):
@@ -65,7 +65,7 @@ def test_a_log_says_how_long_answers_are_on_the_wire(straight):
 def test_a_noisy_encoder_is_named_first_with_its_size(tmp_path):
     noisy = replace(NONE, encoder_noise=np.array([0.0, 0.0, 0.0015]), seed=1)
     log = hop(tmp_path / "log.mcap", noisy)
-    first = explain(Evidence(read_run(log), LAMP, CALIBRATION, ASSETS), LAMP)[0]
+    first = explain(Evidence(read_run(log), LAMP, CALIBRATION, ASSETS), LAMP).causes[0]
     assert first.name == "encoder noise neck"
     assert first.size == pytest.approx(0.0015, rel=0.4)
 
@@ -73,7 +73,7 @@ def test_a_noisy_encoder_is_named_first_with_its_size(tmp_path):
 @pytest.mark.parametrize("latency", [0.001, 0.0015])
 def test_a_line_that_holds_everything_up_is_named_first_with_its_size(latency, tmp_path):
     log = hop(tmp_path / "log.mcap", replace(NONE, latency=latency))
-    first = explain(Evidence(read_run(log), LAMP, CALIBRATION, ASSETS), LAMP)[0]
+    first = explain(Evidence(read_run(log), LAMP, CALIBRATION, ASSETS), LAMP).causes[0]
     assert first.name == "latency"
     assert first.size == pytest.approx(latency, rel=0.25)
 

@@ -12,7 +12,7 @@ import pytest
 
 from robolamp.cli.main import main
 from robolamp.compare.ending import ending_of
-from robolamp.compare.flights import AIR, Flight, Hop, flights, hops
+from robolamp.compare.flights import Flight, Hop, flights, hops
 from robolamp.compare.landing import Landing, landing_of
 from robolamp.compare.motion import truth_of
 from robolamp.compare.replay import replay
@@ -233,12 +233,12 @@ def _truth(good: Path, **changed) -> tuple[Run, Truth]:
 
 def test_a_hop_flew_if_it_cleared_the_floor_and_landed_flat(good):
     run, truth = _truth(good)
-    assert landing_of(run, truth, AIR).flown == 4
-    assert landing_of(run, truth, 0.2).flown == 0
+    assert landing_of(run, truth, LAMP).flown == 4
+    assert landing_of(run, truth, dataclasses.replace(LAMP, flight_time=0.2)).flown == 0
     _, low = _truth(good, clearance=lambda truth: np.minimum(truth.clearance, 0.0019))
-    assert landing_of(run, low, AIR).flown == 0
+    assert landing_of(run, low, LAMP).flown == 0
     _, tilted = _truth(good, pitch=lambda truth: np.full_like(truth.pitch, np.radians(16)))
-    assert landing_of(run, tilted, AIR).flown == 0
+    assert landing_of(run, tilted, LAMP).flown == 0
 
 
 def test_a_truth_that_ends_before_the_run_says_nothing_of_where_it_landed(good):
@@ -252,11 +252,11 @@ def test_a_truth_that_ends_before_the_run_says_nothing_of_where_it_landed(good):
             if isinstance(getattr(truth, each.name), np.ndarray)
         },
     )
-    landing = landing_of(run, short, AIR)
+    landing = landing_of(run, short, LAMP)
     assert math.isnan(landing.travel)
     assert (landing.fell, landing.flown) == (None, None)
     assert math.isnan(of_run(run, short, "lamp").travel)
-    assert landing_of(run, None, AIR) == Landing()
+    assert landing_of(run, None, LAMP) == Landing()
 
 
 def test_the_truth_beside_a_log_is_found_and_another_runs_is_passed_over(good, tmp_path):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from robolamp.cli.main import main
+from robolamp.compare.side import of_run
 from robolamp.errors import FileError
 from robolamp.log.context import run_context
 from robolamp.log.reader import Run, read_run, read_truth
@@ -73,8 +74,6 @@ def test_a_twins_log_is_mapped_by_name_too(tmp_path):
 
 
 def test_a_truth_is_held_against_the_joints_that_it_names(pair, tmp_path):
-    from robolamp.compare.side import of_run
-
     order = lambda topic, number: [2, 0, 1]  # noqa: E731
     run, truth = read_run(pair[0]), read_truth(pair[1])
     other = read_truth(rewritten(pair[1], tmp_path / "truth.mcap", order=order))
