@@ -16,7 +16,7 @@ from robolamp.calibrate.procedure import WEIGH, Step
 from robolamp.calibration import Calibration
 from robolamp.controller.file import load_controller
 from robolamp.controller.pilot import Pilot
-from robolamp.dynamixel.bus import PATIENCE, Port
+from robolamp.dynamixel.bus import PATIENCE, SETTING_PATIENCE, Port
 from robolamp.errors import FileError, SafetyError
 from robolamp.files import alone, sha256
 from robolamp.foot.sensor import ByteSource
@@ -43,6 +43,7 @@ class Connection:
         clock: The time at the ports.
         epoch: Nanoseconds since the epoch at a virtual clock's 0; None: real time.
         patience: How long an answer may be late before it is a gap [s].
+        opening: The same while the lamp is opened and its torque turned on [s].
         travelled: Returns how far the base went [m], where something but a ruler knows; else None.
         mass: Of the whole lamp [kg], where something but a scale knows.
     """
@@ -52,6 +53,7 @@ class Connection:
     clock: Clock
     epoch: int | None = None
     patience: float = PATIENCE
+    opening: float = SETTING_PATIENCE
     travelled: Callable[[], float] | None = None
     mass: float | None = None
 
@@ -111,6 +113,7 @@ def record(
     *,
     person: Person | None = None,
     say: Callable[[str], None] = lambda text: None,
+    told: Callable[[Step, RunResult], None] = lambda step, result: None,
 ) -> Manifest:
     """Record the steps that are not yet recorded.
 
@@ -120,6 +123,7 @@ def record(
         connect: Gives the lamp for a step.
         person: Does what has hands; None: nobody has to.
         say: Called with a line for each step.
+        told: Called with how each run went, whatever comes of it.
 
     Returns:
         The manifest, with every step that is done.
@@ -143,7 +147,7 @@ def record(
                 person.prompt(f"{place} - {step.shows}.\n  {step.hands}")
             else:
                 say(f"{place}: {step.shows}")
-            entry, mass = _record_step(session, step, connect, person)
+            entry, mass = _record_step(session, step, connect, person, told)
             manifest = replace(manifest.with_entry(entry), mass=manifest.mass or mass)
             manifest.write(session.folder)
     return manifest
@@ -170,25 +174,33 @@ def _open(session: Session) -> Manifest:
     return found
 
 
-def _record_step(session: Session, step: Step, connect: Connect, person: Person | None) -> tuple[Entry, float | None]:
+def _record_step(
+    session: Session, step: Step, connect: Connect, person: Person | None, told: Callable[[Step, RunResult], None]
+) -> tuple[Entry, float | None]:
     """Return the recording, and the lamp's mass [kg] where the connection knows it."""
     lamp, final = step.lamp(session.lamp), session.folder / f"{step.name}.mcap"
     part = final.with_name(final.name + _UNFINISHED)
     pilot, source = _pilot(session, step, lamp)
-    with connect(step) as ports:
-        result = _play(session, step, lamp, pilot, source, ports, part)
-        if result.ended != "finished":
-            part.unlink(missing_ok=True)
-            raise SafetyError(f"{result.ended}: {result.reason}; start again to go on with this step", step.name)
-        travel = None
-        if step.controller:
-            if ports.travelled:
-                travel = ports.travelled()
-            elif person:
-                travel = person.travel("How far did the base come?")
-    if travel is not None and not math.isfinite(travel):
-        raise SafetyError("the way it went is not known", step.name)
-    part.replace(final)
+    try:
+        with connect(step) as ports:
+            result, ended_early = _play(session, step, lamp, pilot, source, ports, part)
+            told(step, result)
+            if ended_early:
+                raise FileError(f"the log ended early: {ended_early}", str(part))
+            if result.ended != "finished":
+                raise SafetyError(f"{result.ended}: {result.reason}; start again to go on with this step", step.name)
+            travel = None
+            if step.controller:
+                if ports.travelled:
+                    travel = ports.travelled()
+                elif person:
+                    travel = person.travel("How far did the base come?")
+        if travel is not None and not math.isfinite(travel):
+            raise SafetyError("the way it went is not known", step.name)
+        part.replace(final)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
     return Entry(step.name, final.name, sha256(final), step.clamped, travel), ports.mass
 
 
@@ -209,8 +221,12 @@ def _play(
     source: str,
     ports: Connection,
     path: Path,
-) -> RunResult:
-    robot = RobotLamp(lamp, ports.servo_port, ports.foot_port, ports.clock, patience=ports.patience, fix=session.fix)
+) -> tuple[RunResult, str]:
+    """Return how the run went, and why its log ended early; empty where it did not."""
+    robot = RobotLamp(
+        lamp, ports.servo_port, ports.foot_port, ports.clock,
+        patience=ports.patience, opening=ports.opening, fix=session.fix,
+    )  # fmt: skip
     context = run_context(
         backend=session.source.split()[0],
         lamp=session.lamp,
@@ -242,6 +258,4 @@ def _play(
             )  # fmt: skip
     finally:
         robot.close()
-    if log.error:
-        raise FileError(f"the log ended early: {log.error}", str(path))
-    return result
+    return result, log.error

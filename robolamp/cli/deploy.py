@@ -77,10 +77,26 @@ def deploy(
             )
 
     from robolamp.cli.drive import Drive, drive, run_folder  # after the arguments are checked
-    from robolamp.cli.outcome import account, ended, facts, reporting, tell, tell_of_none, tell_of_shadow, tidying
+    from robolamp.cli.outcome import (
+        Failure,
+        account,
+        busy,
+        concluded,
+        ended,
+        facts,
+        noted,
+        reported,
+        tell,
+        tell_of_none,
+        tell_of_shadow,
+        tidying,
+    )
     from robolamp.cli.stages import STAGES, check_before
+    from robolamp.cli.witness import judged
     from robolamp.compare.report import sentence
     from robolamp.compare.run import compare_log
+    from robolamp.compare.tolerances import load_tolerances
+    from robolamp.lateness import Lateness
     from robolamp.runtime.stop import StopRequest
 
     chosen = STAGES[stage] if stage else None
@@ -89,28 +105,37 @@ def deploy(
             raise RobolampError("is for --stage gentle and --stage full", option)
     if chosen and not force:
         check_before(chosen, after, loaded.source, setup.lamp)
+    allowed = load_tolerances(setup.assets)
     folder = run_folder(output, loaded, distance)
     plan = Drive(
         setup, loaded, distance, duration, "lamp", folder / "log.mcap", goal_time, chosen, fix, resume_after_replug
     )
     with tidying(plan), StopRequest() as stop:
         result = drive(plan, servos, foot, stop, as_json)
+    plan.host.busy = judged(plan.watch, Lateness(), result.ended)
     if not plan.phases["run"]:
         return tell_of_none(plan, result, as_json)
     if chosen and not chosen.powered:
         return tell_of_shadow(plan, result, as_json)
-    with reporting(plan.log):
-        comparison = compare_log(
-            plan.log, assets=setup.assets, calibration=setup.calibration, out=folder / "report.html"
-        )
+    failures: list[Failure] = []
+    comparison = reported(
+        lambda: compare_log(
+            plan.log, assets=setup.assets, calibration=setup.calibration, out=folder / "report.html", tolerances=allowed
+        ),
+        failures,
+        plan.log,
+    )
     if as_json:
-        print_json({**facts(plan, result), "verdict": comparison.verdict, "report": comparison.report})
+        told = {"verdict": comparison and comparison.verdict, "report": comparison and comparison.report}
+        print_json({**facts(plan, result), **told, **noted(failures)})
     else:
         tell(
             ended(result),
             f" after {counted(result.hops, 'hop')} (where it landed is for your ruler: nothing on the lamp measures"
             f" it).\n{account(result)}\n"
-            f"Twin against lamp: {sentence(comparison)}\n"
-            f"log     {plan.log}\nreport  {comparison.report}",
+            f"{busy(plan, result)}"
+            + (f"Twin against lamp: {sentence(comparison)}\n" if comparison else "")
+            + f"log     {plan.log}"
+            + (f"\nreport  {comparison.report}" if comparison else ""),
         )
-    return 0 if result.ended == "finished" else 1
+    return concluded(0 if result.ended == "finished" else 1, failures)

@@ -136,10 +136,14 @@ class Bus:
         return f"{self._labels[servo]} (id {servo})" if servo in self._labels else f"servo {servo}"
 
     @contextlib.contextmanager
-    def patient(self) -> Iterator[None]:
-        """Wait SETTING_PATIENCE for answers to sync reads too, inside the `with`: for readings outside a tick."""
+    def patient(self, patience: float = SETTING_PATIENCE) -> Iterator[None]:
+        """Wait longer for every answer, inside the `with`: for what is asked outside a tick.
+
+        Args:
+            patience: How long beyond its time on the wire [s]; where more is in force already, that.
+        """
         before = self._patience
-        self._patience = max(before, SETTING_PATIENCE)
+        self._patience = max(before, patience)
         try:
             yield
         finally:

@@ -17,6 +17,7 @@ from robolamp.emulator.emulated import Emulated
 from robolamp.emulator.foot import FRAME_SIZE
 from robolamp.emulator.terminal import PseudoTerminal
 from robolamp.emulator.traffic import Traffic
+from robolamp.lateness import Lateness
 
 REAL_TIME_GAP = 0.05
 """Silence inside a packet that ends it, on a pseudo-terminal [s]: a servo's 1.5 ms drown in the scheduler's jitter."""
@@ -45,6 +46,7 @@ class Process:
     Attributes:
         servo_port: What a Dynamixel client opens.
         foot_port: What a reader of the foot sensor opens; None without one.
+        late: When the host let the ports be served late, on the monotonic clock.
 
     Raises:
         FileError: A link cannot be made.
@@ -74,6 +76,7 @@ class Process:
         self._count = 0
         self.servo_port = self._bus.name
         self.foot_port = self._foot.name if self._foot else None
+        self.late = Lateness()
 
     def run(self, stop: Callable[[], bool]) -> None:
         """Serve until told to stop.
@@ -110,6 +113,7 @@ class Process:
             now = self._now()
         while self._due and self._due[0][0] <= now:  # before anything that takes time
             self._bus.write(heappop(self._due)[2])
+        self.late.note(self._start + wake, self._start + now)
         behind = now - world.time
         if behind > CATCH_UP:
             self._start += behind
