@@ -81,6 +81,7 @@ def deploy(
         Failure,
         account,
         busy,
+        compared,
         concluded,
         ended,
         facts,
@@ -93,8 +94,6 @@ def deploy(
     )
     from robolamp.cli.stages import STAGES, check_before
     from robolamp.cli.witness import judged
-    from robolamp.compare.report import sentence
-    from robolamp.compare.run import compare_log
     from robolamp.compare.tolerances import load_tolerances
     from robolamp.lateness import Lateness
     from robolamp.runtime.stop import StopRequest
@@ -112,19 +111,13 @@ def deploy(
     )
     with tidying(plan), StopRequest() as stop:
         result = drive(plan, servos, foot, stop, as_json)
-    plan.host.busy = judged(plan.watch, Lateness(), result.ended)
+    plan.host.busy = judged(plan.watch, Lateness(), result.ended, plan.host.patience)
     if not plan.phases["run"]:
         return tell_of_none(plan, result, as_json)
     if chosen and not chosen.powered:
         return tell_of_shadow(plan, result, as_json)
     failures: list[Failure] = []
-    comparison = reported(
-        lambda: compare_log(
-            plan.log, assets=setup.assets, calibration=setup.calibration, out=folder / "report.html", tolerances=allowed
-        ),
-        failures,
-        plan.log,
-    )
+    comparison = reported(lambda: compared(plan, folder / "report.html", allowed), failures, plan.log)
     if as_json:
         told = {"verdict": comparison and comparison.verdict, "report": comparison and comparison.report}
         print_json({**facts(plan, result), **told, **noted(failures)})
@@ -134,7 +127,7 @@ def deploy(
             f" after {counted(result.hops, 'hop')} (where it landed is for your ruler: nothing on the lamp measures"
             f" it).\n{account(result)}\n"
             f"{busy(plan, result)}"
-            + (f"Twin against lamp: {sentence(comparison)}\n" if comparison else "")
+            + (f"Twin against lamp: {comparison.sentence}\n" if comparison else "")
             + f"log     {plan.log}"
             + (f"\nreport  {comparison.report}" if comparison else ""),
         )

@@ -73,6 +73,7 @@ def dry_run(
         Failure,
         account,
         busy,
+        compared,
         concluded,
         ended,
         facts,
@@ -82,8 +83,6 @@ def dry_run(
         tell_of_none,
         tidying,
     )
-    from robolamp.compare.report import sentence
-    from robolamp.compare.run import compare_log
     from robolamp.compare.tolerances import load_tolerances
     from robolamp.emulator.faults import Faults, load_faults
     from robolamp.emulator.reality import load_reality
@@ -115,14 +114,9 @@ def dry_run(
         return tell_of_none(plan, result, as_json, failures)
     course = None if lamps.failed else reported(lambda: _course(log, truth_log), failures, log)
     comparison = reported(
-        lambda: compare_log(
-            log, assets=setup.assets, calibration=setup.calibration, out=folder / "report.html",
-            truth=truth_log if course else None, tolerances=allowed,
-        ),
-        failures,
-        log,
-    )  # fmt: skip
-    landed, fell = course or (float("nan"), None)
+        lambda: compared(plan, folder / "report.html", allowed, truth_log if course else None), failures, log
+    )
+    landed, fell = (course[0], course[1] is not None) if course else (float("nan"), None)
     if as_json:
         print_json(
             {
@@ -142,7 +136,7 @@ def dry_run(
             headline = f"{'Fell' if fell else 'Landed'} at {landed * 100:.1f} cm"
             goal_too = f" for a goal of {distance * 100:.1f} cm ({(landed - distance) * 100:+.1f} cm) after"
         else:
-            headline, goal_too = "Where it landed is not known", f"; its goal was {distance * 100:.1f} cm;"
+            headline, goal_too = "Where it landed is not known", f" (goal {distance * 100:.1f} cm), after"
         own = ["--lamp", str(lamp)] if lamp else []
         own += ["--calibration", calibration] if calibration != "nominal" else []
         again = shlex.join(["robolamp", "replay", str(log), *own])
@@ -151,11 +145,11 @@ def dry_run(
             f"{goal_too} {counted(result.hops, 'hop')}; {ended(result)}.\n"
             f"{account(result)}\n"
             f"{busy(plan, result)}"
-            + (f"Twin against emulated lamp: {sentence(comparison)}\n" if comparison else "")
-            + f"log     {log}\ntruth   {truth_log}\n"
-            + (f"report  {comparison.report}\n" if comparison else "")
-            + (f"injected {injections}\n" if faults else "")
-            + f"replay  {again}",
+            + (f"Twin against emulated lamp: {comparison.sentence}\n" if comparison else "")
+            + f"log     {log}\ntruth   {truth_log}"
+            + (f"\nreport  {comparison.report}" if comparison else "")
+            + (f"\ninjected {injections}" if faults else "")
+            + (f"\nreplay  {again}" if comparison else ""),
         )
         if browse and not failures:
             from robolamp.cli.replay import show
@@ -224,10 +218,16 @@ class _Lamps:
                 refusal = error
         self.failed = emulator.failed
         host = plan.host
-        host.busy = judged(plan.watch, emulator.late, result.ended if result else "cut")
+        fell = None
+        if result and plan.phases["run"] and not self.failed:
+            with contextlib.suppress(RobolampError):  # it is read again, where what fails is told
+                fell = _course(plan.log, self.truth)[1]
+        ended = result.ended if result else "cut"
+        host.busy = judged(plan.watch, emulator.late, ended, host.patience, fell)
         if not self.failed and host.busy.ended_it and not stop.requests and self.injections is None:
             self._set_aside()
-            self.console.print(f"{host.busy}. The run in real time is over; going on in lockstep.", markup=False)
+            what = "cut the run" if fell is None else "let the lamp fall"
+            self.console.print(f"{host.busy}, which {what}; going on in lockstep.", markup=False)
             return self.in_lockstep(stop)
         if result is None:
             assert refusal is not None
@@ -253,8 +253,8 @@ class _Lamps:
         self.plan.phases.clear()
 
 
-def _course(log: Path, truth_log: Path) -> tuple[float, bool]:
-    """Return how far the emulated lamp truly came [m], and whether it fell."""
+def _course(log: Path, truth_log: Path) -> tuple[float, float | None]:
+    """Return how far the emulated lamp truly came [m], and when it fell, on the run's clock [s]; None: it stands."""
     from robolamp.log.reader import read_run, read_truth
 
     truth = read_truth(truth_log)
@@ -264,4 +264,5 @@ def _course(log: Path, truth_log: Path) -> tuple[float, bool]:
     began = run.scheduled[driven[0]] if len(driven) else run.scheduled[0]
     during = (at >= began) & (at <= run.write_done[-1])
     landed = float(truth.base_x[during][-1] - truth.base_x[during][0]) if during.any() else float("nan")
-    return landed, bool(truth.fallen[during].any())
+    falls = at[during & truth.fallen]
+    return landed, float(falls[0]) if falls.size else None

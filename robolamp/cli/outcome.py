@@ -18,6 +18,7 @@ from rich.text import Text
 
 from robolamp.cli.drive import Drive
 from robolamp.cli.output import print_json
+from robolamp.compare.tolerances import Tolerances
 from robolamp.errors import RobolampError
 from robolamp.log.reader import read_run
 from robolamp.runtime.result import RunResult
@@ -81,9 +82,9 @@ def busy(plan: Drive, result: RunResult) -> str:
         return ""
     if host.lockstep:
         kept = f" (its log: {host.cut})" if host.cut else ""
-        return f"{host.busy}. That ended the run in real time{kept}; this is the run in lockstep, in virtual time.\n"
+        return f"{host.busy}. That spoilt the run in real time{kept}; this is the run in lockstep, in virtual time.\n"
     if host.busy.ended_it:
-        return f"{host.busy}. That ended the run, not the lamp.\n"
+        return f"{host.busy}. That spoilt the run, not the lamp.\n"
     if host.busy.late > host.patience and (result.faults or result.missed_ticks):
         return f"{host.busy}. Faults and missed ticks may come of that.\n"
     return ""
@@ -145,6 +146,43 @@ def reported(make: Callable[[], T], failures: list[Failure], log: Path) -> T | N
     """
     again = shlex.join(["robolamp", "compare", str(log)])
     return attempt(make, failures, log, f"no report; the log is at {log}; `{again}` makes the report")
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What a run's comparison with its twin says.
+
+    Attributes:
+        verdict: As in `--json`.
+        sentence: The same for people.
+        report: The page.
+    """
+
+    verdict: str
+    sentence: str
+    report: Path
+
+
+def compared(plan: Drive, report: Path, allowed: Tolerances, truth: Path | None = None) -> Compared:
+    """Compare a run with its twin, and write the report.
+
+    Args:
+        plan: What was asked for.
+        report: The page to write.
+        allowed: What is allowed.
+        truth: The truth log of an emulated lamp, where there is a whole one.
+
+    Raises:
+        RobolampError: It cannot be compared, or the report not be written.
+    """
+    from robolamp.compare.report import sentence  # here: should a library not load, the run is over and can be told
+    from robolamp.compare.run import compare_log
+
+    setup = plan.setup
+    found = compare_log(
+        plan.log, assets=setup.assets, calibration=setup.calibration, out=report, truth=truth, tolerances=allowed
+    )
+    return Compared(found.verdict, sentence(found), report)
 
 
 def noted(failures: Sequence[Failure]) -> dict[str, str]:

@@ -18,6 +18,8 @@ from robolamp.signals import Clock, Command, LampBackend, Observation
 
 _SHARE = 0.5  # of a silence that the host must have been late for, to have caused it. Chosen: most of it
 
+_FALL = 1.0  # what was late within this time before a fall may have caused it [s]. Chosen: a hop takes 0.6 s
+
 
 @dataclass(frozen=True)
 class Silence:
@@ -67,7 +69,7 @@ class Busy:
     Attributes:
         late: The longest lateness [s].
         who: What was late: "emulator" or "loop".
-        ended_it: Whether that is what ended the run.
+        ended_it: Whether that is what ended the run, or let the lamp fall.
     """
 
     late: float = 0.0
@@ -78,20 +80,25 @@ class Busy:
         return f"This computer was busy: {self.who} late by {self.late * 1e3:.0f} ms"
 
 
-def judged(watch: Watch, emulator: Lateness, ended: str) -> Busy:
+def judged(watch: Watch, emulator: Lateness, ended: str, patience: float, fell: float | None = None) -> Busy:
     """Return how late this computer was in a run, and whether that ended it.
 
     It did where the lamp fell silent, something was late by more than the patience in force meanwhile, and most of
-    the silence is explained by what was late.
+    the silence is explained by what was late; or where something was late by more than that as the lamp fell.
 
     Args:
         watch: What was seen of the run.
         emulator: When the emulator was late; empty where there is none.
         ended: How the run ended, as in `RunResult`.
+        patience: How late an answer in the loop might be [s].
+        fell: When the lamp fell [s]; None: it did not, or nobody knows.
     """
     if watch.began is None:
         return Busy()
     silence = watch.silence
+    if fell is not None and ended == "finished":
+        falling = _worst(watch, emulator, fell - _FALL, fell)
+        return Busy(falling.late, falling.who, falling.late > patience)
     if silence is None or not (ended == "cut" or (ended == "guard" and not silence.landing)):
         return _worst(watch, emulator, watch.began, watch.ended)
     found = _worst(watch, emulator, silence.begin, silence.end)
@@ -148,13 +155,19 @@ class Witness:
             self._backend.torque(False)
 
     def observe(self) -> Observation:
-        """Read every sensor once; a look that comes late was held up by the host, but for the CPU time of our own."""
+        """Read every sensor once.
+
+        A look that begins late, but for the CPU time used since the last, or takes longer than one waits for answers,
+        was held up by the host.
+        """
         now, used = time.monotonic(), time.thread_time()
         if not math.isnan(self._looked):
             self._watch.loop.note(self._looked + self._period + used - self._used, now)
         seen = self._backend.observe()
         done = self._watch.ended = time.monotonic()
         whole = bool(np.isfinite(seen.angle).all())
+        waits = 1 if whole and not seen.faults else 2 + len(seen.angle)  # for all; then in two readings and for each
+        self._watch.loop.note(now + waits * self._patience, done)
         self._looked, self._used = (now, used) if whole else (math.nan, used)  # waiting for what is lost takes time
         age = max(float(seen.angle_age.max()), seen.foot_age if seen.foot_age > FOOT_AGE_STOP else 0.0)
         if age > ANGLE_AGE:
