@@ -1,4 +1,4 @@
-"""What `make hop` runs, again and again: how often it ends well, in real time or in lockstep, idle or on a busy machine.
+"""What `make hop` runs, again and again: how often it ends well, in real time or lockstep, idle or on a busy machine.
 
 Well: the run finished, the lamp stands, and there is a report. Where the lamp lands is another matter: it is worn.
 """

@@ -131,6 +131,8 @@ def attempt(make: Callable[[], T], failures: list[Failure], where: Path, hint: s
         failures.append(Failure(hint, "", _INTERRUPTED))
     except RobolampError as error:
         failures.append(Failure(error.message, error.where))
+    except OSError as error:  # one that nothing below has put into words of its own
+        failures.append(Failure(error.strerror or str(error), str(error.filename2 or error.filename or where)))
     except Exception as error:  # whatever it is: what the lamp did is known, and is not to be lost over a drawing
         failures.append(Failure(f"{type(error).__name__}: {error}", str(where)))
     return None
