@@ -129,12 +129,11 @@ def test_ctrl_c_before_the_start_is_no_run(tmp_path: Path) -> None:
     assert said["log"] == "out/[a]/log.mcap"
 
 
-@pytest.mark.realtime
 def test_in_a_terminal_it_draws_what_happens(tmp_path: Path) -> None:
     master, slave = pty.openpty()
     environment = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "100", "LINES": "30"}
     process = subprocess.Popen(
-        [*COMMAND, "dry-run", "hop", "--goal", "0.1", "--duration", "1", "-o", "run"],
+        [*COMMAND, "dry-run", "hop", "--goal", "0.1", "--duration", "1", "--lockstep", "-o", "run"],
         cwd=tmp_path, env=environment, stdin=slave, stdout=slave, stderr=slave,
     )  # fmt: skip
     os.close(slave)
