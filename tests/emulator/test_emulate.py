@@ -16,8 +16,6 @@ from robolamp.errors import FileError
 
 from .test_process import COMMAND, emulator, sdk
 
-pytestmark = pytest.mark.realtime
-
 TWO = """
 name = "two"
 [[servo]]
@@ -39,6 +37,7 @@ def two(tmp_path: Path) -> str:
     return str(path)
 
 
+@pytest.mark.realtime
 def test_servos_of_two_rates_share_a_line(two: str) -> None:
     with emulator("--servos", two) as (_, ready):
         port = str(ready["servo_port"])
@@ -53,6 +52,7 @@ def test_servos_of_two_rates_share_a_line(two: str) -> None:
             assert eventually(lambda: abs(packets.read4ByteTxRx(handler, 5, 132)[0] - 2000) < 40)
 
 
+@pytest.mark.realtime
 def test_eeprom_is_kept_where_asked(two: str, tmp_path: Path) -> None:
     kept = str(tmp_path / "eeprom")
     for expected, written in ((0, 123), (123, 7)):
@@ -64,6 +64,7 @@ def test_eeprom_is_kept_where_asked(two: str, tmp_path: Path) -> None:
             assert process.wait(timeout=60) == 0
 
 
+@pytest.mark.realtime
 def test_a_lamps_eeprom_is_kept_where_asked(tmp_path: Path) -> None:
     kept = tmp_path / "eeprom"
     for expected, written in ((0, 55), (55, 0)):
@@ -83,6 +84,7 @@ def test_a_lamps_eeprom_is_kept_where_asked(tmp_path: Path) -> None:
     assert [path.name for path in kept.iterdir()] == ["knee.toml"]
 
 
+@pytest.mark.realtime
 def test_new_servos_are_plugged_in_one_at_a_time(two: str) -> None:
     with (
         emulator("--servos", two, "--factory") as (process, ready),
@@ -98,6 +100,7 @@ def test_new_servos_are_plugged_in_one_at_a_time(two: str) -> None:
         assert packets.ping(handler, 11)[0] == 1060
 
 
+@pytest.mark.realtime
 @bears(0.02)
 def test_a_port_is_unplugged_and_comes_back_under_its_link(two: str, tmp_path: Path) -> None:
     script, ports, log = tmp_path / "faults.toml", tmp_path / "ports", tmp_path / "injections.jsonl"
@@ -124,6 +127,7 @@ def test_a_port_is_unplugged_and_comes_back_under_its_link(two: str, tmp_path: P
     ]
 
 
+@pytest.mark.realtime
 @bears(0.01)
 def test_traffic_is_told_in_words(two: str) -> None:
     process = subprocess.Popen(

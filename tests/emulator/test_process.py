@@ -32,8 +32,6 @@ from robolamp.emulator.foot import crc16_ccitt
 
 from .parts import PatientHandler, Status, read
 
-pytestmark = pytest.mark.realtime
-
 COMMAND = [sys.executable, "-c", "from robolamp.cli.main import main; main()", "emulate"]
 
 
@@ -77,6 +75,7 @@ def test_ready_line() -> None:
         assert process.stdout.read() == ""  # type: ignore[union-attr]
 
 
+@pytest.mark.realtime
 def test_the_sdk_finds_reads_and_writes_servos(ports: dict[str, str]) -> None:
     with sdk(ports["servo_port"]) as (port, packets):
         found, result = packets.broadcastPing(port)
@@ -91,6 +90,7 @@ def test_the_sdk_finds_reads_and_writes_servos(ports: dict[str, str]) -> None:
         assert packets.write1ByteTxRx(port, 1, 7, 253) == (COMM_SUCCESS, 4)
 
 
+@pytest.mark.realtime
 def test_the_sdk_moves_the_lamp(ports: dict[str, str]) -> None:
     with sdk(ports["servo_port"]) as (port, packets):
         reader, writer = GroupSyncRead(port, packets, 126, 10), GroupSyncWrite(port, packets, 116, 4)
@@ -113,12 +113,14 @@ def test_the_sdk_moves_the_lamp(ports: dict[str, str]) -> None:
                 packets.write1ByteTxRx(port, id, 64, 0)
 
 
+@pytest.mark.realtime
 def test_a_client_may_close_and_come_back(ports: dict[str, str]) -> None:
     for _ in range(3):
         with sdk(ports["servo_port"]) as (port, packets):
             assert packets.ping(port, 1)[1] == COMM_SUCCESS
 
 
+@pytest.mark.realtime
 def test_a_client_at_the_wrong_rate_hears_nothing(ports: dict[str, str]) -> None:
     with sdk(ports["servo_port"], 57_600) as (port, packets):
         assert packets.ping(port, 1)[1] != COMM_SUCCESS
@@ -126,6 +128,7 @@ def test_a_client_at_the_wrong_rate_hears_nothing(ports: dict[str, str]) -> None
         assert packets.ping(port, 1)[1] == COMM_SUCCESS
 
 
+@pytest.mark.realtime
 def test_rubbish_on_the_line_does_no_harm(ports: dict[str, str]) -> None:
     with sdk(ports["servo_port"]) as (port, packets):
         port.writePort(os.urandom(300) + b"\xff\xff\xfd\x00\x01\xff")
@@ -145,6 +148,7 @@ def frames(data: bytes) -> list[tuple[int, int]]:
     return found
 
 
+@pytest.mark.realtime
 def test_the_foot_sends_fresh_frames_without_gaps(ports: dict[str, str]) -> None:
     def attempt() -> None:
         with serial.Serial(ports["foot_port"], 115_200, timeout=0.05) as port:
@@ -182,6 +186,7 @@ def messages(path: Path) -> dict[str, list[tuple[int, Any]]]:
     return found
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_truth_is_logged_until_the_end(tmp_path: Path, number: int) -> None:
     path = tmp_path / "truth.mcap"
@@ -264,6 +269,7 @@ def test_it_says_what_it_emulates() -> None:
     assert "not modelled" in text
 
 
+@pytest.mark.realtime
 def test_a_long_answer_comes_in_pieces_and_one_that_comes_twice_after_itself(tmp_path: Path) -> None:
     script = tmp_path / "twice.toml"
     script.write_text('name = "twice"\n\n[status]\nduplicated = 1.0\n')
