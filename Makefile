@@ -5,19 +5,25 @@ BIN := $(VENV)/bin
 GOAL ?= 0.30
 
 .DEFAULT_GOAL := help
-.PHONY: help hop hops test test-slow lint wheel benchmarks pictures studies clean opengl browser micropython
+.PHONY: help hop hops test test-slow test-realtime lint wheel benchmarks pictures studies clean opengl browser micropython
 
 help:  ## what the targets do
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
 hop: $(VENV)/installed  ## the shipped controller hops on the emulated lamp (GOAL=0.30)
-	$(BIN)/robolamp dry-run hop --goal $(GOAL)
+	$(BIN)/robolamp dry-run hop --goal $(GOAL) --open
 
 test: $(VENV)/developed lint opengl browser micropython  ## lint, types, import floors and all tests but the slow ones
 	$(BIN)/python -m pytest -m "not slow"
 
 test-slow: $(VENV)/developed opengl browser  ## the tests that take more than a minute each
 	$(BIN)/python -m pytest -m slow
+
+# Twelve busy processes beside them; they end with the target, however it ends. Only files that have such tests are loaded.
+test-realtime: $(VENV)/developed  ## the tests against the real clock, three times on a machine made busy
+	@busy=; for each in 1 2 3 4 5 6 7 8 9 10 11 12; do while :; do :; done & busy="$$busy $$!"; done; \
+	trap "kill $$busy" EXIT; trap 'exit 130' INT; trap 'exit 143' TERM HUP; \
+	for each in 1 2 3; do $(BIN)/python -m pytest -m realtime $$(grep -rl mark.realtime tests --include='test_*.py') || exit 1; done
 
 lint: $(VENV)/developed  ## ruff, pyright, import floors
 	$(BIN)/ruff check .

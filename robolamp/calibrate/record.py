@@ -16,7 +16,7 @@ from robolamp.calibrate.procedure import WEIGH, Step
 from robolamp.calibration import Calibration
 from robolamp.controller.file import load_controller
 from robolamp.controller.pilot import Pilot
-from robolamp.dynamixel.bus import PATIENCE, Port
+from robolamp.dynamixel.bus import PATIENCE, SETTING_PATIENCE, Port
 from robolamp.errors import FileError, SafetyError
 from robolamp.files import alone, partial, sha256, suffix_of
 from robolamp.foot.sensor import ByteSource
@@ -43,6 +43,7 @@ class Connection:
         clock: The time at the ports.
         epoch: Nanoseconds since the epoch at a virtual clock's 0; None: real time.
         patience: How long an answer may be late before it is a gap [s].
+        opening: The same while the lamp is opened and its torque turned on [s].
         travelled: Returns how far the base went [m], where something but a ruler knows; else None.
         mass: Of the whole lamp [kg], where something but a scale knows.
     """
@@ -52,6 +53,7 @@ class Connection:
     clock: Clock
     epoch: int | None = None
     patience: float = PATIENCE
+    opening: float = SETTING_PATIENCE
     travelled: Callable[[], float] | None = None
     mass: float | None = None
 
@@ -111,6 +113,7 @@ def record(
     *,
     person: Person | None = None,
     say: Callable[[str], None] = lambda text: None,
+    told: Callable[[Step, RunResult], None] = lambda step, result: None,
 ) -> Manifest:
     """Record the steps that are not yet recorded.
 
@@ -120,6 +123,7 @@ def record(
         connect: Gives the lamp for a step.
         person: Does what has hands; None: nobody has to.
         say: Called with a line for each step.
+        told: Called with how each run went, whatever comes of it.
 
     Returns:
         The manifest, with every step that is done.
@@ -143,7 +147,7 @@ def record(
                 person.prompt(f"{place} - {step.shows}.\n  {step.hands}")
             else:
                 say(f"{place}: {step.shows}")
-            entry, mass = _record_step(session, step, connect, person, say)
+            entry, mass = _record_step(session, step, connect, person, say, told)
             manifest = replace(manifest.with_entry(entry), mass=manifest.mass or mass)
             manifest.write(session.folder)
     return manifest
@@ -171,13 +175,21 @@ def _open(session: Session) -> Manifest:
 
 
 def _record_step(
-    session: Session, step: Step, connect: Connect, person: Person | None, say: Callable[[str], None]
+    session: Session,
+    step: Step,
+    connect: Connect,
+    person: Person | None,
+    say: Callable[[str], None],
+    told: Callable[[Step, RunResult], None],
 ) -> tuple[Entry, float | None]:
     """Return the recording, and the lamp's mass [kg] where the connection knows it."""
     lamp, final = step.lamp(session.lamp), session.folder / f"{step.name}.mcap"
     pilot, source = _pilot(session, step, lamp)
     with partial(final, final.name + _UNFINISHED) as part, connect(step) as ports:
-        result = _play(session, step, lamp, pilot, source, ports, part, say)
+        result, ended_early = _play(session, step, lamp, pilot, source, ports, part, say)
+        told(step, result)
+        if ended_early:
+            raise FileError(f"the log ended early: {ended_early}", str(part))
         if result.ended != "finished":
             raise SafetyError(f"{result.ended}: {result.reason}; start again to go on with this step", step.name)
         travel = None
@@ -209,8 +221,12 @@ def _play(
     ports: Connection,
     path: Path,
     say: Callable[[str], None],
-) -> RunResult:
-    robot = RobotLamp(lamp, ports.servo_port, ports.foot_port, ports.clock, patience=ports.patience, fix=session.fix)
+) -> tuple[RunResult, str]:
+    """Return how the run went, and why its log ended early; empty where it did not."""
+    robot = RobotLamp(
+        lamp, ports.servo_port, ports.foot_port, ports.clock,
+        patience=ports.patience, opening=ports.opening, fix=session.fix,
+    )  # fmt: skip
     context = run_context(
         backend=session.source.split()[0],
         lamp=session.lamp,
@@ -246,6 +262,4 @@ def _play(
             )  # fmt: skip
     finally:
         robot.close()
-    if log.error:
-        raise FileError(f"the log ended early: {log.error}", str(path))
-    return result
+    return result, log.error

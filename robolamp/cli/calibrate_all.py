@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from robolamp.cli.calibrate_lamp import fit_session, tell
-from robolamp.cli.calibrate_record import emulated
+from robolamp.cli.calibrate_record import emulated, telling
 from robolamp.cli.options import Setup, length
 from robolamp.cli.output import print_json
 from robolamp.errors import RobolampError
@@ -56,43 +56,76 @@ def all(
     from robolamp.calibrate.session import read_session
     from robolamp.calibrate.shown import show_session
     from robolamp.calibration import load_calibration
+    from robolamp.cli.outcome import Failure, attempt, concluded, noted
     from robolamp.runtime.stop import StopRequest
 
     steps, connect = procedure(setup.lamp), emulated(setup, reality)
     proof = dataclasses.replace(steps[-1], name="proof", shows="the proof: it is not fitted to", goal=distance)
     say = (lambda text: None) if as_json else print
     today = datetime.date.today().isoformat()
-    with StopRequest() as stop:
+    runs: list[dict[str, Any]] = []
+    failures: list[Failure] = []
+    file, page = output / "calibration.toml", output / "report.html"
+    go_on = f"stopped; give the same folder again to go on: {output}"
+
+    def recorded() -> None:
         for name, plan in (("recordings", steps), ("proof", (proof,))):
             session = Session(
                 setup.lamp, setup.calibration, setup.assets, output / name, f"emulator {reality}", "", today, stop
             )
-            record(session, plan, connect, say=say)
-    file = output / "calibration.toml"
-    judged, facts = fit_session(setup, output / "recordings", file, quiet=as_json, rigid=rigid)
-    fitted = load_calibration(setup.assets, file)
-    hop = read_session(output / "proof", setup.lamp).recordings[0]
-    before, after = (prove(hop, setup.lamp, one, setup.assets) for one in (setup.calibration, fitted))
-    shown = show_session(read_session(output / "recordings", setup.lamp), setup.lamp, fitted, setup.assets)
-    write_report(output / "report.html", fitted, shown)
-    told: dict[str, Any] = {
-        "goal_m": distance,
-        "travelled_m": after.travelled,
-        **{
-            f"{key}_{when}": value
-            for when, one in (("before", before), ("after", after))
-            for key, value in (
-                ("mae_mrad", one.mae * 1e3), ("travel_m", one.travel), ("time_error_s", one.time_error)
-            )
-        },
-    }  # fmt: skip
-    if as_json:
-        print_json({**facts, "proof": told, "report": output / "report.html"})
-    else:
-        tell(judged, facts)
-        print(
-            f"proof       a hop to {distance * 100:.0f} cm that was not recorded: joints {before.mae * 1e3:.1f} -> "
-            f"{after.mae * 1e3:.1f} mrad; went {after.travelled * 100:.1f} cm, twin {before.travel * 100:.1f} -> "
-            f"{after.travel * 100:.1f} cm\nreport      {output / 'report.html'}"
+            record(session, plan, connect, say=say, told=telling(runs, say))
+
+    def proven() -> dict[str, Any]:
+        hop = read_session(output / "proof", setup.lamp).recordings[0]
+        fitted = load_calibration(setup.assets, file)
+        before, after = (prove(hop, setup.lamp, one, setup.assets) for one in (setup.calibration, fitted))
+        return {
+            "goal_m": distance,
+            "travelled_m": after.travelled,
+            **{
+                f"{key}_{when}": value
+                for when, one in (("before", before), ("after", after))
+                for key, value in (
+                    ("mae_mrad", one.mae * 1e3), ("travel_m", one.travel), ("time_error_s", one.time_error)
+                )
+            },
+        }  # fmt: skip
+
+    def drawn() -> Path:
+        fitted = load_calibration(setup.assets, file)
+        shown = show_session(read_session(output / "recordings", setup.lamp), setup.lamp, fitted, setup.assets)
+        write_report(page, fitted, shown)
+        return page
+
+    with StopRequest() as stop:
+        try:
+            recorded()
+        except RobolampError as error:
+            if not runs:
+                raise
+            failures.append(Failure(error.message, error.where))
+    fit = None
+    if not failures:
+        fit = attempt(
+            lambda: fit_session(setup, output / "recordings", file, quiet=as_json, rigid=rigid), failures, output, go_on
         )
-    return 0 if judged.good else 1
+    shown_proof = attempt(proven, failures, output, go_on) if fit else None
+    report = attempt(drawn, failures, output, go_on) if fit else None
+    if as_json:
+        print_json({**(fit[1] if fit else {}), "runs": runs, "proof": shown_proof, "report": report, **noted(failures)})
+    elif fit:
+        tell(*fit)
+        if shown_proof:
+            print(_sentence(shown_proof))
+        if report:
+            print(f"report      {report}")
+    return concluded(0 if fit and fit[0].good else 1, failures)
+
+
+def _sentence(proof: dict[str, Any]) -> str:
+    goal, came, *twin = (proof[key] * 100 for key in ("goal_m", "travelled_m", "travel_m_before", "travel_m_after"))
+    before, after = proof["mae_mrad_before"], proof["mae_mrad_after"]
+    return (
+        f"proof       a hop to {goal:.0f} cm that was not recorded: joints {before:.1f} -> {after:.1f} mrad; "
+        f"went {came:.1f} cm, twin {twin[0]:.1f} -> {twin[1]:.1f} cm"
+    )

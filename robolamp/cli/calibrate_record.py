@@ -6,9 +6,9 @@ import contextlib
 import datetime
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from robolamp.calibrate.record import Connect, Connection, Person
     from robolamp.calibrate.servo_bench import ServoBench
     from robolamp.lamp import Lamp
+    from robolamp.runtime.result import RunResult
     from robolamp.runtime.stop import StopRequest
 
 _LEAST_GRAMS, _MOST_GRAMS = 50, 5000  # what a desk lamp on hobby servos may weigh
@@ -79,10 +80,12 @@ def record(
         raise RobolampError("is missing; expected the servo's serial port, or --emulate", "--port")
     setup = Setup.of(lamp, calibration)
 
+    from robolamp.calibrate.manifest import load_manifest
     from robolamp.calibrate.procedure import procedure
     from robolamp.calibrate.record import Session
     from robolamp.calibrate.record import record as record_all
     from robolamp.calibrate.servo_bench import bench_procedure, load_bench
+    from robolamp.cli.outcome import Failure, concluded, noted
     from robolamp.cli.prompt import STOPPED
     from robolamp.runtime.stop import StopRequest
 
@@ -101,6 +104,8 @@ def record(
         connect = _physical(described, port, foot_port, foot=bench is None)
     else:
         connect = emulated(setup, bent) if bench is None else emulated_servo(setup, bench, bent)
+    runs: list[dict[str, Any]] = []
+    failures: list[Failure] = []
     with StopRequest() as stop:
         session = Session(
             described, setup.calibration, setup.assets, output, source, by, datetime.date.today().isoformat(), stop,
@@ -108,7 +113,7 @@ def record(
         )  # fmt: skip
         person = None if emulate or unattended else _person(stop)
         try:
-            manifest = record_all(session, chosen, connect, person=person, say=say)
+            record_all(session, chosen, connect, person=person, say=say, told=telling(runs, say))
         except KeyboardInterrupt:
             print(
                 "robolamp: stopped, torque is off; the same command goes on where it stopped",
@@ -116,21 +121,49 @@ def record(
                 flush=True,
             )
             return STOPPED
-    left = [one.name for one in steps if not manifest.done(one.name)]
+        except RobolampError as error:
+            if not runs:
+                raise
+            failures.append(Failure(error.message, error.where))
+    manifest = load_manifest(output)
+    entries = manifest.entries if manifest else ()
+    left = [one.name for one in steps if one.name not in {entry.step for entry in entries}]
     if as_json:
         recordings = [
             {"step": entry.step, "file": entry.file, "clamped": entry.clamped, "travel_m": entry.travel}
-            for entry in manifest.entries
+            for entry in entries
         ]
-        print_json({"folder": output, "recordings": recordings, "left": left})
+        print_json({"folder": output, "recordings": recordings, "left": left, "runs": runs, **noted(failures)})
     else:
         rest = (
             f"; left: {', '.join(left)}"
             if left
             else f"; next: robolamp calibrate {'lamp' if bench is None else 'fit'} {output} -o FILE"
         )
-        print(f"{counted(len(manifest.entries), 'recording')} in {output}{rest}")
-    return 0
+        print(f"{counted(len(entries), 'recording')} in {output}{rest}")
+    return concluded(0, failures)
+
+
+def telling(runs: list[dict[str, Any]], say: Callable[[str], None]) -> Callable[[Step, RunResult], None]:
+    """Return what takes note of how each run went, and says it where there is something amiss.
+
+    Args:
+        runs: Where to note it.
+        say: Called with a line.
+    """
+    from robolamp.cli.outcome import account, ended
+
+    def told(step: Step, result: RunResult) -> None:
+        runs.append(
+            {
+                "step": step.name, "ended": result.ended, "reason": result.reason, "ticks": result.ticks,
+                "missed_ticks": result.missed_ticks, "faults": result.faults,
+            }
+        )  # fmt: skip
+        if result.ended != "finished" or result.faults or result.missed_ticks:
+            say(f"  {ended(result)}. {account(result)}")
+
+    return told
 
 
 def _person(stop: StopRequest) -> Person:
@@ -176,14 +209,15 @@ def _person(stop: StopRequest) -> Person:
 
 def _physical(lamp: Lamp, port: str | None, foot_port: str | None, *, foot: bool) -> Connect:
     from robolamp.calibrate.record import Connection
-    from robolamp.cli.drive import patience_at
+    from robolamp.cli.drive import opening_patience_at, patience_at
     from robolamp.runtime.clock import MonotonicClock
 
     servo, sensor = port or lamp.bus_port, (foot_port or lamp.foot_port) if foot else None
 
     @contextlib.contextmanager
     def connect(step: Step) -> Iterator[Connection]:
-        yield Connection(servo, sensor, MonotonicClock(), patience=patience_at(servo))
+        patience, opening = patience_at(servo), opening_patience_at(servo)
+        yield Connection(servo, sensor, MonotonicClock(), patience=patience, opening=opening)
 
     return connect
 

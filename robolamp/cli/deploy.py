@@ -78,10 +78,25 @@ def deploy(
             )
 
     from robolamp.cli.drive import Drive, drive, run_folder  # after the arguments are checked
-    from robolamp.cli.outcome import account, ended, facts, reporting, tell, tell_of_none, tell_of_shadow, tidying
-    from robolamp.cli.parts import told
+    from robolamp.cli.outcome import (
+        Failure,
+        account,
+        busy,
+        compared,
+        concluded,
+        ended,
+        facts,
+        noted,
+        reported,
+        tell,
+        tell_of_none,
+        tell_of_shadow,
+        tidying,
+    )
     from robolamp.cli.stages import STAGES, check_before
-    from robolamp.compare.run import compare_log
+    from robolamp.cli.witness import judged
+    from robolamp.compare.tolerances import load_tolerances
+    from robolamp.lateness import Lateness
     from robolamp.runtime.stop import StopRequest
 
     chosen = STAGES[stage] if stage else None
@@ -90,29 +105,33 @@ def deploy(
             raise RobolampError("is for --stage gentle and --stage full", option)
     if chosen and not force:
         check_before(chosen, after, loaded.source, setup.lamp)
+    allowed = load_tolerances(setup.assets)
     folder = run_folder(output, loaded, distance)
     plan = Drive(
         setup, loaded, distance, duration, "lamp", folder / "log.mcap", goal_time, chosen, fix, resume_after_replug
     )
     with tidying(plan), StopRequest() as stop:
         result = drive(plan, servos, foot, stop, as_json)
+    plan.host.busy = judged(plan.watch, Lateness(), result.ended, plan.host.patience)
     if not plan.phases["run"]:
         return tell_of_none(plan, result, as_json)
     if chosen and not chosen.powered:
         return tell_of_shadow(plan, result, as_json)
-    with reporting(plan.log):
-        comparison = compare_log(
-            plan.log, assets=setup.assets, calibration=setup.calibration, out=folder / "report.html"
-        )
+    failures: list[Failure] = []
+    comparison = reported(lambda: compared(plan, folder / "report.html", allowed), failures, plan.log)
     if as_json:
-        print_json({**facts(plan, result), **comparison.parts(), "report": comparison.report})
+        found = {**comparison.parts, "report": comparison.report} if comparison else {}
+        print_json({**facts(plan, result), **found, **noted(failures)})
     else:
-        word, rest = told(comparison)
         ruler = shlex.join(["robolamp", "compare", str(plan.log)])
         tell(
-            word,
-            f"{rest}\nWhere it landed is for your ruler, and then: `{ruler} --landed 28.1cm`.\n"
-            f"Run {ended(result)}. {account(result)}\n"
-            f"log     {plan.log}\nreport  {comparison.report}",
+            comparison.word if comparison else f"Run {ended(result)}.",
+            (f"{comparison.text}\n" if comparison else " ")
+            + f"Where it landed is for your ruler, and then: `{ruler} --landed 28.1cm`.\n"
+            + (f"Run {ended(result)}. " if comparison else "")
+            + f"{account(result)}\n"
+            + busy(plan, result)
+            + f"log     {plan.log}"
+            + (f"\nreport  {comparison.report}" if comparison else ""),
         )
-    return 0 if result.ended == "finished" else 1
+    return concluded(0 if result.ended == "finished" else 1, failures)

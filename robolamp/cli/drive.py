@@ -11,9 +11,10 @@ from robolamp.cli.keys import StopKeys
 from robolamp.cli.live import LiveView
 from robolamp.cli.options import Setup
 from robolamp.cli.stages import STAGES, Stage
+from robolamp.cli.witness import Busy, Watch, Witness
 from robolamp.controller.file import Controller
 from robolamp.controller.pilot import Pilot
-from robolamp.dynamixel.bus import PATIENCE, Port
+from robolamp.dynamixel.bus import PATIENCE, SETTING_PATIENCE, Port
 from robolamp.errors import FileError
 from robolamp.foot.sensor import ByteSource
 from robolamp.log.context import run_context, settings_context
@@ -28,7 +29,26 @@ from robolamp.runtime.stop import StopRequest
 from robolamp.signals import Clock, Tick
 
 _EMULATOR_PATIENCE = 0.012  # the emulator is one process among others and may be scheduled late; of a tick of 20 ms [s]
+_EMULATOR_OPENING = 0.3  # the same outside the loop, where nothing waits for the answer [s]. Chosen: 25 times as long
 _PSEUDO_TERMINALS = Path("/dev/pts")  # where emulated ports are; a servo's never is
+
+
+@dataclass
+class Host:
+    """What this computer had to do with a run.
+
+    Attributes:
+        lockstep: Whether the run was in lockstep.
+        busy: How late this computer was in the run, or in the one in real time that it was repeated for; None: there
+            was none in real time.
+        patience: How late an answer in the loop might be [s].
+        cut: The log of the run that it cut; None: it cut none, or before there was a log.
+    """
+
+    lockstep: bool = False
+    busy: Busy | None = None
+    patience: float = 0.0
+    cut: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -47,6 +67,8 @@ class Drive:
         fix: Whether settings of the servos that are wrong are mended first.
         resume: Whether the run goes on after the servo port was unplugged and came back.
         phases: How many ticks there were so far, by phase.
+        watch: What was seen of the run in real time.
+        host: How late this computer was in it, and what came of that.
     """
 
     setup: Setup
@@ -60,6 +82,8 @@ class Drive:
     fix: bool = False
     resume: bool = False
     phases: Counter[str] = field(default_factory=Counter)
+    watch: Watch = field(default_factory=Watch)
+    host: Host = field(default_factory=Host)
 
 
 @dataclass(frozen=True)
@@ -105,10 +129,15 @@ def drive(
     lamp = stage.lamp(plan.setup.lamp)
     pilot = Pilot(plan.controller, lamp, plan.goal, plan.goal_time)  # compiled before anything is connected
     clock = virtual.clock if virtual else MonotonicClock()
-    patience = patience_at(servo_port)
+    patience, opening = patience_at(servo_port), opening_patience_at(servo_port)
     epoch = virtual.epoch if virtual else None
-    robot = RobotLamp(lamp, servo_port, foot_port, clock, patience=patience, duty=stage.duty, fix=plan.fix)
+    robot = RobotLamp(
+        lamp, servo_port, foot_port, clock, patience=patience, opening=opening, duty=stage.duty, fix=plan.fix
+    )
     backend = robot if stage.powered else ShadowLamp(robot, lamp)
+    if virtual is None:
+        plan.host.patience = patience
+        backend = Witness(backend, plan.watch, pilot.control_period, patience, opening)
     context = run_context(
         backend=plan.backend,
         lamp=lamp,
@@ -124,7 +153,7 @@ def drive(
     if plan.stage:
         context |= {"stage": stage.name, "duty_limit": repr(stage.duty), "slew_share": repr(stage.slew)}
     try:
-        robot.open()
+        backend.open()
         context[ANSWER_WIRE] = repr(robot.answer_wire_time)
         with (
             LogWriter(plan.log, context=context, joints=lamp.names, epoch=epoch, lossless=bool(virtual)) as log,
@@ -144,6 +173,7 @@ def drive(
             def tick(entry: Tick) -> None:
                 nonlocal stopped
                 plan.phases[entry.phase] += 1
+                plan.watch.landing = entry.phase == "landing"
                 log.tick(entry)
                 if log.error != stopped:
                     stopped = log.error
@@ -174,8 +204,20 @@ def patience_at(port: str | Port) -> float:
     Args:
         port: A path, or a port object.
     """
-    emulated = isinstance(port, str) and Path(port).resolve().is_relative_to(_PSEUDO_TERMINALS)
-    return _EMULATOR_PATIENCE if emulated else PATIENCE
+    return _EMULATOR_PATIENCE if _emulated(port) else PATIENCE
+
+
+def opening_patience_at(port: str | Port) -> float:
+    """Return how long an answer may be late at a port while a lamp is opened and its torque turned on [s].
+
+    Args:
+        port: A path, or a port object.
+    """
+    return _EMULATOR_OPENING if _emulated(port) else SETTING_PATIENCE
+
+
+def _emulated(port: str | Port) -> bool:
+    return isinstance(port, str) and Path(port).resolve().is_relative_to(_PSEUDO_TERMINALS)
 
 
 def run_folder(output: Path | None, controller: Controller, goal: float) -> Path:

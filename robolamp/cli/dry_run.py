@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import json as json_module
-import select
-import subprocess
-import sys
-from collections.abc import Iterator
+import shlex
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from cyclopts import Parameter
@@ -18,9 +15,16 @@ from rich.console import Console
 from robolamp.cli.options import DURATION, GOAL_TIME, Setup, length
 from robolamp.cli.output import print_json
 from robolamp.controller.file import check_goal_time
-from robolamp.errors import BusError
+from robolamp.errors import RobolampError
 
-_READY_TIMEOUT = 60.0  # the emulator compiles its friction kernel on its first start [s]
+if TYPE_CHECKING:
+    from robolamp.cli.drive import Drive
+    from robolamp.emulator.faults import Faults
+    from robolamp.emulator.reality import Reality
+    from robolamp.runtime.result import RunResult
+    from robolamp.runtime.stop import StopRequest
+
+_CUT = ".cut"  # suffix of what a run leaves behind that this computer cut: no log of the lamp any more
 
 
 def dry_run(
@@ -36,9 +40,13 @@ def dry_run(
     faults: Path | None = None,
     lockstep: Annotated[bool, Parameter(negative="")] = False,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    browse: Annotated[bool, Parameter(name="--open", negative="")] = False,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
     """Run a controller on the emulated lamp: the same loop as deploy, through real serial ports, with log and report.
+
+    Where this computer is too busy for real time, so that it and not the lamp ends the run, the run is repeated in
+    lockstep, which says so; one with --faults is not.
 
     Args:
         controller: A controller file, or the name of a shipped one (hop).
@@ -52,6 +60,7 @@ def dry_run(
         faults: A TOML script of what goes wrong on the emulated bus; what was injected goes to injections.jsonl.
         lockstep: In one process and virtual time: faster than real time, and the same numbers each time.
         output: Folder for log, truth and report; by default a new one in runs/.
+        browse: Play the run in the browser at the end, where there is a terminal and a display.
         as_json: Print one JSON object.
     """
     setup = Setup.of(lamp, calibration)
@@ -59,29 +68,38 @@ def dry_run(
     check_goal_time(loaded, goal_time)
     distance = length(goal, "--goal")
 
-    from robolamp.cli.drive import Drive, drive, run_folder  # after the arguments are checked
-    from robolamp.cli.outcome import account, ended, facts, reporting, tell, tell_of_none, tidying
-    from robolamp.cli.parts import told
-    from robolamp.compare.run import compare_log
+    from robolamp.cli.drive import Drive, run_folder  # after the arguments are checked
+    from robolamp.cli.outcome import (
+        Failure,
+        account,
+        busy,
+        compared,
+        concluded,
+        ended,
+        facts,
+        noted,
+        reported,
+        tell,
+        tell_of_none,
+        tidying,
+    )
+    from robolamp.compare.tolerances import load_tolerances
     from robolamp.emulator.faults import Faults, load_faults
     from robolamp.emulator.reality import load_reality
-    from robolamp.log.reader import read_run, read_truth
     from robolamp.runtime.stop import StopRequest
 
     bent = load_reality(reality, setup.lamp, setup.assets)  # refused here in one line, not by the emulator
     script = load_faults(faults, tuple(joint.id for joint in setup.lamp.joints)) if faults else Faults("none")
+    allowed = load_tolerances(setup.assets)
     folder = run_folder(output, loaded, distance)
     log, truth_log, injections = folder / "log.mcap", folder / "truth.mcap", folder / "injections.jsonl"
     console = Console(quiet=as_json, highlight=False, soft_wrap=True)
     plan = Drive(setup, loaded, distance, duration, "emulator", log, goal_time)
-    goes = f"{loaded.name} goes {distance:.2f} m."
+    lamps = _Lamps(plan, console, reality, bent, script, truth_log, injections if faults else None)
+    failures: list[Failure] = []
     with tidying(plan, truth_log, injections), StopRequest() as stop:
         if lockstep:
-            from robolamp.cli.lockstep import lockstep_lamp
-
-            console.print(f"Emulated lamp (reality: {reality}) in lockstep; {goes}", markup=False)
-            with lockstep_lamp(setup, bent, script, truth_log, injections if faults else None) as (ports, virtual):
-                result = drive(plan, ports.servo_port, ports.foot_port, stop, as_json, virtual)
+            result = lamps.in_lockstep(stop)
         else:
             options = ["--reality", reality, "--calibration", calibration, "--truth", str(truth_log)]
             if lamp is not None:
@@ -89,26 +107,16 @@ def dry_run(
             if faults is not None:
                 folder.mkdir(parents=True, exist_ok=True)
                 options += ["--faults", str(faults), "--injections", str(injections), "--ports", str(folder)]
-            with _emulator(options) as ports:
-                console.print(
-                    f"Emulated lamp (reality: {reality}) on {ports['servo_port']} and {ports['foot_port']}; {goes}",
-                    markup=False,
-                )
-                result = drive(plan, ports["servo_port"], ports["foot_port"], stop, as_json)
+            result = lamps.in_real_time(options, stop)
+    if lamps.failed:
+        failures.append(Failure(lamps.failed.message, lamps.failed.where))
     if not plan.phases["run"]:
-        return tell_of_none(plan, result, as_json)
-    with reporting(log):
-        truth = read_truth(truth_log)
-        run = read_run(log)
-        at = run.at(truth.log_time)
-        driven = np.flatnonzero(run.phase == "run")
-        began = run.scheduled[driven[0]] if len(driven) else run.scheduled[0]
-        during = (at >= began) & (at <= run.write_done[-1])
-        landed = float(truth.base_x[during][-1] - truth.base_x[during][0]) if during.any() else float("nan")
-        fell = bool(truth.fallen[during].any())
-        comparison = compare_log(
-            log, assets=setup.assets, calibration=setup.calibration, out=folder / "report.html", truth=truth_log
-        )
+        return tell_of_none(plan, result, as_json, failures)
+    course = None if lamps.failed else reported(lambda: _course(log, truth_log), failures, log)
+    comparison = reported(
+        lambda: compared(plan, folder / "report.html", allowed, truth_log if course else None), failures, log
+    )
+    landed, fell = (course[0], course[1] is not None) if course else (float("nan"), None)
     if as_json:
         print_json(
             {
@@ -116,45 +124,147 @@ def dry_run(
                 "landed_m": landed,
                 "error_m": landed - distance,
                 "fell": fell,
-                **comparison.parts(),
+                **(comparison.parts if comparison else {}),
                 "truth": truth_log,
                 "injections": injections if faults else None,
-                "report": comparison.report,
+                "report": comparison and comparison.report,
+                **noted(failures),
             }
         )
     else:
-        word, rest = told(comparison)
+        if comparison:
+            headline, rest = comparison.word, f"{comparison.text}\nRun {ended(result)}. {account(result)}\n"
+        elif course:
+            headline = f"{'Fell' if fell else 'Landed'} at {landed * 100:.1f} cm"
+            off = f"{(landed - distance) * 100:+.1f} cm"
+            rest = f" for a goal of {distance * 100:.1f} cm ({off}); {ended(result)}.\n{account(result)}\n"
+        else:
+            headline = "Where it landed is not known"
+            rest = f" (goal {distance * 100:.1f} cm); {ended(result)}.\n{account(result)}\n"
+        own = ["--lamp", str(lamp)] if lamp else []
+        own += ["--calibration", calibration] if calibration != "nominal" else []
+        again = shlex.join(["robolamp", "replay", str(log), *own])
         tell(
-            word,
-            f"{rest}\nRun {ended(result)}. {account(result)}\n"
-            f"log     {log}\ntruth   {truth_log}\nreport  {comparison.report}"
-            + (f"\ninjected {injections}" if faults else ""),
+            headline,
+            rest
+            + busy(plan, result)
+            + f"log     {log}\ntruth   {truth_log}"
+            + (f"\nreport  {comparison.report}" if comparison else "")
+            + (f"\ninjected {injections}" if faults else "")
+            + (f"\nreplay  {again}" if comparison else ""),
         )
-    return 0 if result.ended == "finished" and not fell else 1
+        if browse and not failures:
+            from robolamp.cli.replay import show
+
+            reported(lambda: show(log, setup, folder / "replay.html"), failures, log)
+    return concluded(0 if result.ended == "finished" and fell is False else 1, failures)
 
 
-@contextlib.contextmanager
-def _emulator(options: list[str]) -> Iterator[dict[str, str]]:
-    """Start an emulated lamp in a process of its own, yield its ports, and end it."""
-    command = [sys.executable, "-m", "robolamp", "emulate", "--json", *options]
-    # A session of its own: Ctrl-C lands the lamp first, and only then is the emulator ended.
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
-    assert process.stdout is not None
-    try:
-        ready, _, _ = select.select([process.stdout], [], [], _READY_TIMEOUT)
-        line = process.stdout.readline() if ready else ""
-        try:
-            said = json_module.loads(line)
-        except ValueError:
-            said = {"error": f"did not start (it said {line.strip()!r})", "where": ""}
-        if "error" in said:
-            raise BusError(said["error"], said["where"] or "emulator")
-        yield said
-    finally:
-        process.terminate()
-        try:
-            process.wait(10.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-        process.stdout.close()
+@dataclass
+class _Lamps:
+    """The emulated lamp that a plan is carried out on: in real time, or in lockstep.
+
+    Attributes:
+        plan: What to do.
+        console: Where to say what is done.
+        name: Of the reality.
+        reality: How the lamp differs from its twin.
+        faults: What goes wrong.
+        truth: File for what really happens.
+        injections: File for what was injected; None: nowhere.
+        failed: What went wrong with the emulator or its logs; None: nothing did.
+    """
+
+    plan: Drive
+    console: Console
+    name: str
+    reality: Reality
+    faults: Faults
+    truth: Path
+    injections: Path | None
+    failed: RobolampError | None = None
+
+    def in_lockstep(self, stop: StopRequest) -> RunResult:
+        """Run in this process and in virtual time."""
+        from robolamp.cli.drive import drive
+        from robolamp.cli.lockstep import LockstepLamp
+
+        self.plan.host.lockstep = True
+        self.console.print(f"Emulated lamp (reality: {self.name}) in lockstep; {self._goes}", markup=False)
+        with LockstepLamp(self.plan.setup, self.reality, self.faults, self.truth, self.injections) as lamp:
+            result = drive(self.plan, lamp.servo_port, lamp.foot_port, stop, self.console.quiet, lamp.virtual)
+        self.failed = lamp.failed
+        return result
+
+    def in_real_time(self, options: list[str], stop: StopRequest) -> RunResult:
+        """Run behind serial ports, and in lockstep after that if this computer was too late for it.
+
+        Args:
+            options: Of the emulator.
+            stop: Requests to stop.
+        """
+        from robolamp.cli.drive import drive
+        from robolamp.cli.emulator_process import EmulatorProcess
+        from robolamp.cli.witness import judged
+
+        plan = self.plan
+        result: RunResult | None = None
+        refusal: RobolampError | None = None
+        emulator = EmulatorProcess(options, stop, self._waiting)
+        with emulator:
+            where = f"on {emulator.servo_port} and {emulator.foot_port}"
+            self.console.print(f"Emulated lamp (reality: {self.name}) {where}; {self._goes}", markup=False)
+            try:
+                result = drive(plan, emulator.servo_port, emulator.foot_port, stop, self.console.quiet)
+            except RobolampError as error:
+                refusal = error
+        self.failed = emulator.failed
+        host = plan.host
+        fell = None
+        if result and plan.phases["run"] and not self.failed:
+            with contextlib.suppress(RobolampError):  # it is read again, where what fails is told
+                fell = _course(plan.log, self.truth)[1]
+        ended = result.ended if result else "cut"
+        host.busy = judged(plan.watch, emulator.late, ended, host.patience, fell)
+        if not self.failed and host.busy.ended_it and not stop.requests and self.injections is None:
+            self._set_aside()
+            what = "cut the run" if fell is None else "let the lamp fall"
+            self.console.print(f"{host.busy}, which {what}; going on in lockstep.", markup=False)
+            return self.in_lockstep(stop)
+        if result is None:
+            assert refusal is not None
+            if host.busy.ended_it:
+                refusal.message += f". {host.busy}"
+            raise self.failed or refusal
+        return result
+
+    @property
+    def _goes(self) -> str:
+        return f"{self.plan.controller.name} goes {self.plan.goal:.2f} m."
+
+    def _waiting(self) -> None:
+        self.console.print("Starting the emulated lamp; the first start compiles its physics.")
+
+    def _set_aside(self) -> None:
+        """Keep what the run left behind that this computer cut, under names that nobody takes for the lamp's log."""
+        for path in (self.plan.log, self.truth):
+            with contextlib.suppress(OSError):  # a run that was refused has no log
+                path.replace(path.with_name(path.name + _CUT))
+        cut = self.plan.log.with_name(self.plan.log.name + _CUT)
+        self.plan.host.cut = cut if cut.is_file() else None
+        self.plan.phases.clear()
+
+
+def _course(log: Path, truth_log: Path) -> tuple[float, float | None]:
+    """Return how far the emulated lamp truly came [m], and when it fell, on the run's clock [s]; None: it stands."""
+    from robolamp.log.reader import read_run, read_truth
+
+    truth = read_truth(truth_log)
+    run = read_run(log)
+    at = run.at(truth.log_time)
+    driven = np.flatnonzero(run.phase == "run")
+    began = run.scheduled[driven[0]] if len(driven) else run.scheduled[0]
+    during = (at >= began) & (at <= run.write_done[-1])
+    landed = float(truth.base_x[during][-1] - truth.base_x[during][0]) if during.any() else float("nan")
+    falls = at[during & truth.fallen]
+    return landed, float(falls[0]) if falls.size else None

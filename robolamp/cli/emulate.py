@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import sys
 import time
@@ -11,8 +12,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from robolamp.cli.output import print_json
-from robolamp.errors import FileError, RobolampError
+from robolamp.cli.output import counted, print_json
+from robolamp.errors import RobolampError
 from robolamp.files import alone
 from robolamp.runtime.stop import StopRequest
 
@@ -30,6 +31,7 @@ def emulate(
     injections: Path | None = None,
     ports: Path | None = None,
     traffic: Annotated[bool, Parameter(negative="")] = False,
+    lateness: Annotated[bool, Parameter(negative="")] = False,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
     """Run an emulated lamp, or servos without one, until Ctrl-C.
@@ -55,6 +57,7 @@ def emulate(
         ports: A folder for links "servo" and "foot" to the ports; they survive that a fault unplugs a port.
             For one emulator at a time.
         traffic: Show each packet on the servo port in words, on stderr.
+        lateness: Tell at the end how late the ports were served because this computer was busy; with --json when, too.
         as_json: Print one JSON line when ready, and end with the process that started this one.
     """
     parent = os.getppid()
@@ -63,7 +66,7 @@ def emulate(
         for option, value in for_a_lamp.items():
             if servos is not None and value is not None:
                 raise RobolampError("cannot be used with --servos: there is no lamp", option)
-        from robolamp.cli.emulating import Hand, InjectionLog, bare_rig, lamp_rig
+        from robolamp.cli.emulating import Hand, InjectionLog, bare_rig, check_logs, lamp_rig
         from robolamp.emulator.process import Process
         from robolamp.emulator.traffic import Traffic
 
@@ -119,8 +122,12 @@ def emulate(
             return bool(stop.requests) or (as_json and os.getppid() != parent)
 
         process.run(ended)
-    if log and log.error:
-        raise FileError(f"the truth log ended early: {log.error}", str(truth))
+    if lateness and as_json:
+        print_json({"late": process.late.spans})  # of the monotonic clock: when it was due, when it was done [s]
+    elif lateness:
+        worst, count = process.late.worst(start, math.inf), counted(len(process.late.spans), "time")
+        print(f"served late {count}, by {worst * 1e3:.0f} ms at most", flush=True)
+    check_logs(log, report)
     return 0
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType, TracebackType
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration, load_calibration
@@ -27,6 +27,9 @@ from robolamp.emulator.servos_file import load_servos
 from robolamp.errors import FileError
 from robolamp.files import open_new
 from robolamp.lamp import Lamp, load_lamp
+
+if TYPE_CHECKING:
+    from robolamp.emulator.truth import TruthLog
 
 
 @dataclass(frozen=True)
@@ -146,17 +149,21 @@ def _facts(name: str, servo: Servo) -> ServoFacts:
 
 
 class InjectionLog:
-    """Writes injections to a file as they happen, a line of JSON each.
+    """Writes injections to a file as they happen, a line of JSON each; once it is open it never raises.
 
     Args:
         path: The file; None: nowhere.
 
+    Attributes:
+        error: Why the file ended early; empty while all is well.
+
     Raises:
-        FileError: The file cannot be written.
+        FileError: The file cannot be made.
     """
 
     def __init__(self, path: Path | None) -> None:
-        self._path = path
+        self.path = path
+        self.error = ""
         self._stream: TextIO | None = None
         if path is not None:
             try:
@@ -165,21 +172,32 @@ class InjectionLog:
                 raise FileError(f"cannot be written: {error.strerror or error}", str(path)) from None
 
     def write(self, injection: Injection) -> None:
-        """Write one.
-
-        Raises:
-            FileError: It cannot be written.
-        """
-        if self._stream is not None:
+        """Write one."""
+        if self._stream is not None and not self.error:
             try:
                 self._stream.write(injection.line() + "\n")
             except OSError as error:
-                raise FileError(f"cannot be written: {error.strerror or error}", str(self._path)) from None
+                self.error = error.strerror or str(error)
 
     def close(self) -> None:
         """Close the file."""
         if self._stream is not None:
-            self._stream.close()
+            try:
+                self._stream.close()
+            except OSError as error:  # what is buffered could not be written either
+                self.error = self.error or error.strerror or str(error)
+
+
+def check_logs(truth: TruthLog | None, injections: InjectionLog) -> None:
+    """Check that what an emulated lamp logged is whole, once it is closed.
+
+    Raises:
+        FileError: A log ended early.
+    """
+    if truth is not None and truth.error:
+        raise FileError(f"the truth log ended early: {truth.error}", str(truth.path))
+    if injections.error:
+        raise FileError(f"ended early: {injections.error}", str(injections.path))
 
 
 class Hand:

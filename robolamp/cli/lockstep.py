@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
-from collections.abc import Iterator
 from pathlib import Path
+from types import TracebackType
 
 from robolamp.cli.drive import VirtualTime
-from robolamp.cli.emulating import InjectionLog
+from robolamp.cli.emulating import InjectionLog, check_logs
 from robolamp.cli.options import Setup
 from robolamp.emulator.faults import Faults
 from robolamp.emulator.lamp import EmulatedLamp
-from robolamp.emulator.lockstep import Lockstep
+from robolamp.emulator.lockstep import Lockstep, LockstepFoot, LockstepPort
 from robolamp.emulator.reality import Reality
 from robolamp.emulator.truth import TruthLog
-from robolamp.errors import FileError
+from robolamp.errors import FileError, RobolampError
 from robolamp.log.context import versions
 
 
-@contextlib.contextmanager
-def lockstep_lamp(
-    setup: Setup, reality: Reality, faults: Faults, truth: Path, injections: Path | None
-) -> Iterator[tuple[Lockstep, VirtualTime]]:
-    """Yield an emulated lamp's ports, and its time; close its logs afterwards.
+class LockstepLamp:
+    """An emulated lamp in this process, in virtual time; as a context manager it closes its logs.
 
     Args:
         setup: The lamp and its calibration.
@@ -32,19 +28,44 @@ def lockstep_lamp(
         truth: File for what really happens.
         injections: File for what was injected; None: nowhere.
 
+    Attributes:
+        servo_port: Its servo port.
+        foot_port: Its foot port.
+        virtual: Its time.
+        failed: What went wrong with its logs, known at the end; None: nothing did.
+
     Raises:
-        FileError: A file cannot be written.
+        FileError: A file cannot be made.
     """
-    world = EmulatedLamp(setup.lamp, setup.calibration, setup.assets, reality, faults=faults)
-    epoch = time.time_ns()
-    context = {"backend": "emulator", "lamp": setup.lamp.source, "calibration": setup.calibration.source}
-    log = TruthLog(truth, world, 0.0, {**context, "reality": reality.name, "versions": versions()}, epoch=epoch)
-    try:
-        with contextlib.closing(InjectionLog(injections)) as report:
-            world.injector.report = report.write
-            lockstep = Lockstep(world, setup.lamp.bus_baud)
-            yield lockstep, VirtualTime(lockstep.clock, epoch)
-    finally:
-        log.close()
-    if log.error:
-        raise FileError(f"the truth log ended early: {log.error}", str(truth))
+
+    def __init__(self, setup: Setup, reality: Reality, faults: Faults, truth: Path, injections: Path | None) -> None:
+        world = EmulatedLamp(setup.lamp, setup.calibration, setup.assets, reality, faults=faults)
+        epoch = time.time_ns()
+        context = {"backend": "emulator", "lamp": setup.lamp.source, "calibration": setup.calibration.source}
+        self._truth = TruthLog(
+            truth, world, 0.0, {**context, "reality": reality.name, "versions": versions()}, epoch=epoch
+        )
+        try:
+            self._report = InjectionLog(injections)
+        except BaseException:
+            self._truth.close()
+            raise
+        world.injector.report = self._report.write
+        ports = Lockstep(world, setup.lamp.bus_baud)
+        self.servo_port: LockstepPort = ports.servo_port
+        self.foot_port: LockstepFoot = ports.foot_port
+        self.virtual = VirtualTime(ports.clock, epoch)
+        self.failed: RobolampError | None = None
+
+    def __enter__(self) -> LockstepLamp:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._report.close()
+        self._truth.close()
+        try:
+            check_logs(self._truth, self._report)
+        except FileError as error:
+            self.failed = error

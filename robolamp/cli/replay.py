@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import webbrowser
 from pathlib import Path
@@ -64,6 +65,23 @@ def replay(
             print("robolamp: no browser here; open the address in one", file=sys.stderr)
         server.serve_forever()
     return 0
+
+
+def show(log: Path, setup: Setup, page: Path) -> None:
+    """Write a run's page and open it in the browser, without waiting; nothing where nobody would see it.
+
+    Args:
+        log: The log of the run.
+        setup: The lamp, and its twin's calibration.
+        page: The file to write (.html).
+
+    Raises:
+        FileError: The log cannot be read, or the page not be written.
+    """
+    displayed = sys.platform == "darwin" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    if displayed and sys.stdout.isatty():
+        write_atomic(page, _page(log, None, setup).encode())
+        webbrowser.open(page.absolute().as_uri())
 
 
 def _page(path: Path, truth_path: Path | None, setup: Setup) -> str:

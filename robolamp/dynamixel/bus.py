@@ -145,10 +145,10 @@ class Bus:
 
     @contextlib.contextmanager
     def patient(self, patience: float = SETTING_PATIENCE) -> Iterator[None]:
-        """Wait longer for answers inside the `with`, to sync reads too: for readings outside a tick.
+        """Wait longer for every answer inside the `with`, to sync reads too: for what is asked outside a tick.
 
         Args:
-            patience: How long at least, beyond their time on the wire [s].
+            patience: How long beyond its time on the wire [s]; where more is in force already, that.
         """
         before = self._patience
         self._patience = max(before, patience)

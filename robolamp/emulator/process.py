@@ -18,6 +18,7 @@ from robolamp.emulator.foot import FRAME_SIZE
 from robolamp.emulator.line import BITS
 from robolamp.emulator.terminal import PseudoTerminal
 from robolamp.emulator.traffic import Traffic
+from robolamp.lateness import Lateness
 
 REAL_TIME_GAP = 0.05
 """Silence inside a packet that ends it, on a pseudo-terminal [s]: a servo's 1.5 ms drown in the scheduler's jitter."""
@@ -53,6 +54,7 @@ class Process:
     Attributes:
         servo_port: What a Dynamixel client opens.
         foot_port: What a reader of the foot sensor opens; None without one.
+        late: When the host let the ports be served late, on the monotonic clock.
 
     Raises:
         FileError: A link cannot be made.
@@ -83,6 +85,7 @@ class Process:
         self._waiting = False  # whether the client had written more than was taken
         self.servo_port = self._bus.name
         self.foot_port = self._foot.name if self._foot else None
+        self.late = Lateness()
 
     def run(self, stop: Callable[[], bool]) -> None:
         """Serve until told to stop.
@@ -122,6 +125,7 @@ class Process:
             now = self._now()
         while self._due and self._due[0][0] <= now:  # before anything that takes time
             self._bus.write(heappop(self._due)[2])
+        self.late.note(self._start + wake, self._start + now)
         behind = now - world.time
         if behind > CATCH_UP:
             self._start += behind

@@ -41,6 +41,11 @@ class TruthLog:
         lamp.watch(self._step)
 
     @property
+    def path(self) -> Path:
+        """The file."""
+        return self._writer.path
+
+    @property
     def error(self) -> str:
         """Why the file ended early; empty while all is well."""
         return self._writer.error

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.dynamixel.bus import PATIENCE, Bus, Port
+from robolamp.dynamixel.bus import PATIENCE, SETTING_PATIENCE, Bus, Port
 from robolamp.dynamixel.servos import Servos
 from robolamp.dynamixel.state import ServoState
 from robolamp.dynamixel.wire import wire_time
@@ -41,6 +41,7 @@ class RobotLamp:
         foot_port: Port of the foot sensor: a device path, or an open source of bytes; None: there is none.
         clock: Stamps the observations and measures timeouts.
         patience: How long an answer may be late before it is a gap [s].
+        opening: The same outside the loop, while the lamp is opened and its torque turned on [s].
         duty: The most of the supply that the motors get, above 0 to 1: less for careful first runs.
         fix: Whether `open` mends settings that are wrong and that software may mend.
 
@@ -58,12 +59,14 @@ class RobotLamp:
         clock: Clock,
         *,
         patience: float = PATIENCE,
+        opening: float = SETTING_PATIENCE,
         duty: float = 1.0,
         fix: bool = False,
     ) -> None:
         labels = {joint.id: joint.name for joint in lamp.joints}
         self.notices: list[str] = []
         self.mended: list[str] = []
+        self._opening = opening
         self._duty = duty
         self._fix = fix
         self.left_on: tuple[str, ...] = ()
@@ -115,6 +118,10 @@ class RobotLamp:
             BusError: A port does not exist, a servo or the foot sensor does not answer.
             SafetyError: A servo is another model, or its settings, state or angle are not fit to move.
         """
+        with self._bus.patient(self._opening):
+            self._open()
+
+    def _open(self) -> None:
         try:
             self._bus.open()
             if self._foot is not None:
@@ -146,7 +153,9 @@ class RobotLamp:
         """
         if on:
             try:
-                self._ready().torque_on([joint.position_p_gain for joint in self._lamp.joints], WATCHDOG, self._duty)
+                with self._bus.patient(self._opening):
+                    gains = [joint.position_p_gain for joint in self._lamp.joints]
+                    self._ready().torque_on(gains, WATCHDOG, self._duty)
             except BaseException:
                 self.torque(False)
                 raise

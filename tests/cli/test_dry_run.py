@@ -29,9 +29,10 @@ def robolamp(*words: str, cwd: Path, **environment: str) -> subprocess.Completed
 
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
-    """One dry run on an unbent lamp: its folder, and what it said."""
+    """One dry run on an unbent lamp, in lockstep: its folder, and what it said."""
     folder = tmp_path_factory.mktemp("dry-run")
-    done = robolamp("dry-run", "hop", "--goal", "20cm", "--reality", "none", "-o", "run", "--json", cwd=folder)
+    words = ("--goal", "20cm", "--reality", "none", "--lockstep", "-o", "run", "--json")
+    done = robolamp("dry-run", "hop", *words, cwd=folder)
     assert done.returncode == 0, done.stderr
     return folder, json.loads(done.stdout)
 
@@ -62,11 +63,18 @@ def test_what_it_says_is_in_its_files(ran: tuple[Path, dict]) -> None:
     assert not re.search(r"(src|href)=[\"']https?:", report), "the report is one self-contained file"
 
 
-def test_the_emulator_is_gone_afterwards(ran: tuple[Path, dict]) -> None:
-    folder, _ = ran
+@pytest.mark.realtime
+def test_in_real_time_it_ends_well_and_the_emulator_is_gone(tmp_path: Path) -> None:
+    words = ("--goal", "20cm", "--reality", "none", "-o", str(tmp_path / "run"), "--json")
+    done = robolamp("dry-run", "hop", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    said = json.loads(done.stdout)
+    assert (said["ended"], said["fell"]) == ("finished", False)
+    assert said["lockstep"] is (tmp_path / "run" / "truth.mcap.cut").exists()
+    if said["lockstep"]:
+        assert said["host_late_ms"] > 12, "only a busy computer is a reason to go on in lockstep"
     listed = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True, check=True).stdout
-    assert str(folder) not in listed
-    assert "run/truth.mcap" not in listed
+    assert str(tmp_path) not in listed
 
 
 def test_a_folder_with_a_run_is_not_overwritten(ran: tuple[Path, dict]) -> None:
@@ -87,24 +95,24 @@ def test_without_opengl_the_report_is_drawn(ran: tuple[Path, dict], tmp_path: Pa
 
 def test_ctrl_c_lands_the_lamp_and_reports(tmp_path: Path) -> None:
     process = subprocess.Popen(
-        [*COMMAND, "dry-run", "hop", "--goal", "0.4", "--reality", "none", "-o", "run"],
+        [*COMMAND, "dry-run", "hop", "--goal", "0.4", "--lockstep", "--duration", "300", "-o", "run"],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     assert process.stderr
     for line in process.stderr:
         if line.strip() == "run":
             break
-    time.sleep(0.3)
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=100)
     assert process.returncode == 1, err
     assert "stopped" in out
     assert "torque off" in err
     phases = read_run(tmp_path / "run" / "log.mcap").phase.tolist()
     assert phases[-1] == "landing"
-    assert phases.count("run") < 100
+    assert phases.count("run") < 15_000
 
 
+@pytest.mark.realtime
 def test_ctrl_c_before_the_start_is_no_run(tmp_path: Path) -> None:
     process = subprocess.Popen(
         [*COMMAND, "dry-run", "hop", "--goal", "0.4", "-o", "out/[a]", "--json"],
@@ -114,7 +122,7 @@ def test_ctrl_c_before_the_start_is_no_run(tmp_path: Path) -> None:
         assert process.poll() is None
         time.sleep(0.005)
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=100)
     assert (process.returncode, err) == (1, "")
     said = json.loads(out)
     assert (said["ended"], said["reason"]) == ("stopped", "request to stop")
@@ -126,7 +134,7 @@ def test_in_a_terminal_it_draws_what_happens(tmp_path: Path) -> None:
     master, slave = pty.openpty()
     environment = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "100", "LINES": "30"}
     process = subprocess.Popen(
-        [*COMMAND, "dry-run", "hop", "--goal", "0.1", "--duration", "1", "-o", "run"],
+        [*COMMAND, "dry-run", "hop", "--goal", "0.1", "--duration", "1", "--lockstep", "-o", "run"],
         cwd=tmp_path, env=environment, stdin=slave, stdout=slave, stderr=slave,
     )  # fmt: skip
     os.close(slave)
@@ -138,7 +146,7 @@ def test_in_a_terminal_it_draws_what_happens(tmp_path: Path) -> None:
                     shown += os.read(master, 65536)
                 except OSError:  # the last writer has closed the terminal
                     break
-        assert process.wait(30) == 0
+        assert process.wait(100) == 0
     finally:
         os.close(master)
     text = shown.decode()
@@ -187,7 +195,7 @@ def test_a_malformed_expression_is_pointed_at(tmp_path: Path) -> None:
 def test_a_time_to_take_reaches_the_controller_and_the_log(tmp_path: Path) -> None:
     joints = '[joints]\nankle = "(* 0.1 goal_time)"\nknee = "0"\nneck = "0"\n'
     (tmp_path / "c.toml").write_text(f'schema = 1\nname = "c"\n{joints}')
-    words = ("--goal", "0.1", "--duration", "0.5", "--reality", "none", "-o", "run", "--json")
+    words = ("--goal", "0.1", "--duration", "0.5", "--reality", "none", "--lockstep", "-o", "run", "--json")
     done = robolamp("dry-run", "c.toml", "--goal-time", "1.5", *words, cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     run = read_run(tmp_path / "run" / "log.mcap")

@@ -49,7 +49,7 @@ class Terminal:
 
     def wait(self, log: Path) -> None:
         """Wait until the lamp is moving."""
-        end = time.monotonic() + 60.0
+        end = time.monotonic() + 200.0
         while not (self.raw and log.exists() and log.stat().st_size > 20_000):
             assert self.process.poll() is None
             assert time.monotonic() < end

@@ -11,7 +11,7 @@ import pytest
 
 from robolamp.cli.drive import Drive
 from robolamp.cli.options import Setup
-from robolamp.cli.outcome import reporting, tell, tell_of_none, tidying
+from robolamp.cli.outcome import concluded, reported, tell, tell_of_none, tidying
 from robolamp.errors import BusError
 from robolamp.runtime.result import RunResult
 
@@ -75,9 +75,10 @@ def test_a_run_that_failed_later_keeps_its_log(tmp_path: Path) -> None:
 def test_a_report_that_is_interrupted_can_be_made_later(
     capsys: pytest.CaptureFixture[str], number: signal.Signals
 ) -> None:
-    before = signal.getsignal(number)
-    with pytest.raises(SystemExit) as ended, reporting(Path("runs/my run/log.mcap")):
-        os.kill(os.getpid(), number)
-    assert ended.value.code == 130
+    before, failures = signal.getsignal(number), []
+    log = Path("runs/my run/log.mcap")
+    assert reported(lambda: os.kill(os.getpid(), number), failures, log) is None
+    assert reported(lambda: "another report", failures, log) is None, "Ctrl-C ends what follows, too"
+    assert concluded(0, failures) == 130
     assert "log is at runs/my run/log.mcap; `robolamp compare 'runs/my run/log.mcap'`" in capsys.readouterr().err
     assert signal.getsignal(number) is before

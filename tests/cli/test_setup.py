@@ -19,6 +19,7 @@ from pathlib import Path
 import pytest
 from contract.backends import emulator
 from dynamixel.responder import Responder
+from sleeper import bears
 
 from robolamp.assets import Assets
 from robolamp.dynamixel.registers import Name
@@ -26,6 +27,8 @@ from robolamp.foot.protocol import Frame, encode
 from robolamp.lamp import load_lamp
 
 from .test_main import call
+
+pytestmark = pytest.mark.realtime
 
 LAMP = load_lamp(Assets())
 
@@ -143,6 +146,7 @@ def test_zero_wants_torque_off_and_an_answer(
     assert "torque is on" in json.loads(call(capsys, *words, "--yes", "--keep-signs")[1])["error"]
 
 
+@bears(0.01)
 def test_the_foot_is_tared_and_scaled(capsys: pytest.CaptureFixture[str], own: Path) -> None:
     words = ("setup", "foot", "--yes", "--lamp", own, "--json")
     with Foot(-0.25) as foot:
@@ -219,6 +223,7 @@ def test_monitor_tells_what_is_there(capsys: pytest.CaptureFixture[str], line: R
     assert 0x03 not in {instruction for _, instruction, _ in line.heard}
 
 
+@bears(0.01)
 def test_new_servos_are_numbered_as_they_are_plugged_in(capsys: pytest.CaptureFixture[str]) -> None:
     command = [sys.executable, "-m", "robolamp", "emulate", "--factory", "--json"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
@@ -238,11 +243,12 @@ def test_new_servos_are_numbered_as_they_are_plugged_in(capsys: pytest.CaptureFi
             code, out, _ = call(capsys, "setup", "scan", *words)
         finally:
             process.terminate()
-            process.communicate(timeout=10)
+            process.communicate(timeout=60)
     found = [(servo["id"], servo["baud"]) for servo in json.loads(out)["servos"]]
     assert found == [(1, 1_000_000), (2, 1_000_000), (3, 1_000_000)]
 
 
+@bears(0.01)
 def test_a_frozen_emulated_lamp_is_released(capsys: pytest.CaptureFixture[str]) -> None:
     with emulator() as (_, servo_port, foot_port):
         ports = ("--port", servo_port, "--foot-port", foot_port)

@@ -11,15 +11,17 @@ from contextlib import AbstractContextManager
 
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
+from robolamp.emulator.lamp import EmulatedLamp
+from robolamp.emulator.lockstep import Lockstep
+from robolamp.emulator.reality import load_reality
 from robolamp.lamp import load_lamp
 from robolamp.robot.lamp import RobotLamp
-from robolamp.runtime.clock import MonotonicClock
 from robolamp.signals import LampBackend
 from robolamp.twin.lamp import TwinLamp
 from robolamp.twin.model import build
 
 LAMP = load_lamp(Assets())
-PATIENCE = 0.02  # s: a test machine may be busy
+PATIENCE, OPENING = 0.02, 1.0  # s: in the loop, and before it, where a busy test machine may take its time
 
 
 @contextlib.contextmanager
@@ -33,18 +35,19 @@ def emulator() -> Iterator[tuple[subprocess.Popen[str], str, str]]:
             yield process, ports["servo_port"], ports["foot_port"]
         finally:
             process.terminate()
-            process.communicate(timeout=10)
+            process.communicate(timeout=60)
 
 
 @contextlib.contextmanager
 def robot_on_emulator() -> Iterator[LampBackend]:
-    """The driver, over two real pseudo-terminals."""
-    with emulator() as (_, servo_port, foot_port):
-        lamp = RobotLamp(LAMP, servo_port, foot_port, MonotonicClock(), patience=PATIENCE)
-        try:
-            yield lamp
-        finally:
-            lamp.close()
+    """The driver on the emulator, to the byte, in virtual time; over pseudo-terminals: tests/robot/test_emulated.py."""
+    world = EmulatedLamp(LAMP, load_calibration(Assets()), Assets(), load_reality("worn", LAMP, Assets()))
+    ports = Lockstep(world, LAMP.bus_baud)
+    lamp = RobotLamp(LAMP, ports.servo_port, ports.foot_port, ports.clock)
+    try:
+        yield lamp
+    finally:
+        lamp.close()
 
 
 @contextlib.contextmanager

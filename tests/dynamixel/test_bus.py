@@ -10,6 +10,7 @@ import pytest
 from dynamixel_sdk import Protocol2PacketHandler
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from sleeper import Sleeper
 
 from robolamp.dynamixel.bus import ATTEMPTS, Bus, Identity
 from robolamp.dynamixel.fast import FastReply
@@ -18,8 +19,10 @@ from robolamp.errors import BusError
 
 from .responder import Responder, crc
 
+pytestmark = pytest.mark.realtime
+
 MODEL = MODELS["XL330-M288-T"]
-PATIENCE = 0.05  # a test machine may be busy
+PATIENCE = 0.2  # a test machine may be busy
 
 
 class Clock:
@@ -89,9 +92,11 @@ def test_a_silent_servo_costs_its_own_data_only(line: Responder, bus: Bus, absen
 def test_a_dead_bus_costs_the_patience_once(line: Responder, bus: Bus) -> None:
     for servo in line.servos.values():
         servo.silent = True
-    began = time.monotonic()
-    assert bus.sync_read([1, 2, 3], 132, 4) == {}
-    assert PATIENCE <= time.monotonic() - began < 2 * PATIENCE
+    with Sleeper() as sleeper:
+        began = time.monotonic()
+        assert bus.sync_read([1, 2, 3], 132, 4) == {}
+        took = time.monotonic() - began
+        assert PATIENCE <= took < 2 * PATIENCE + sleeper.lost(began)
 
 
 def test_damaged_answers_are_gaps(line: Responder, bus: Bus) -> None:
@@ -306,6 +311,7 @@ def test_any_noise_and_any_data(line: Responder, bus: Bus, noise: bytes, data: b
 
 def test_a_babbling_line_does_not_hold_the_loop(line: Responder, bus: Bus) -> None:
     line.noise = b"\x00\xff\xff\xfd" * 600
-    began = time.monotonic()
-    bus.sync_read([1, 2, 3], 124, 23)
-    assert time.monotonic() - began < 10 * PATIENCE
+    with Sleeper() as sleeper:
+        began = time.monotonic()
+        bus.sync_read([1, 2, 3], 124, 23)
+        assert time.monotonic() - began < 10 * PATIENCE + sleeper.lost(began)

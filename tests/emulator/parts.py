@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from dynamixel_sdk import Protocol2PacketHandler
+from dynamixel_sdk import COMM_RX_CORRUPT, COMM_RX_TIMEOUT, COMM_SUCCESS, PortHandler, Protocol2PacketHandler
 
 from robolamp.dynamixel.registers import MODELS, Name
 from robolamp.emulator.line import Line
@@ -23,6 +23,24 @@ def instruction(id: int, code: int, parameters: bytes = b"") -> bytes:
     stuffed = body.replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
     data = HEADER + bytes([id]) + (len(stuffed) + 2).to_bytes(2, "little") + stuffed
     return data + sdk_crc(data)
+
+
+class PatientHandler(Protocol2PacketHandler):
+    """The SDK's, which asks again where it gave an answer up: a busy machine may be slow."""
+
+    def txRxPacket(self, port: PortHandler, packet: list[int]) -> tuple[list[int], int, int]:
+        for _ in range(30):
+            answer = super().txRxPacket(port, list(packet))
+            if answer[1] not in (COMM_RX_TIMEOUT, COMM_RX_CORRUPT):
+                break
+        return answer
+
+    def broadcastPing(self, port: PortHandler) -> tuple[dict[int, list[int]], int]:
+        for _ in range(30):
+            found, result = super().broadcastPing(port)
+            if result == COMM_SUCCESS:
+                break
+        return found, result
 
 
 def u16(value: int) -> bytes:

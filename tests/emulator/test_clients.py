@@ -5,7 +5,6 @@ dynamixel_easy_sdk (in dynamixel-sdk's wheel), rustypot (Rust), dynamixel-python
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,8 +12,11 @@ import pytest
 import rustypot
 from dxl2.v2 import BulkParams, MotorBus, SyncParams
 from dynamixel_easy_sdk import Connector
+from sleeper import bears, eventually
 
 from .test_process import emulator
+
+pytestmark = pytest.mark.realtime
 
 SERVOS = "".join(
     f'[[servo]]\nmodel = "XL330-M288-T"\nid = {id}\nbaud = 1_000_000\nreturn_delay = 0\n' for id in (1, 2, 3)
@@ -30,6 +32,7 @@ def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield str(ready["servo_port"])
 
 
+@bears(0.01)
 def test_the_easy_sdk(port: str) -> None:
     connector = Connector(port, 1_000_000)
     try:
@@ -41,8 +44,7 @@ def test_the_easy_sdk(port: str) -> None:
         motor.enableTorque()
         assert motor.isTorqueOn()
         motor.setGoalPosition(2300)
-        time.sleep(1.0)
-        assert abs(motor.getPresentPosition() - 2300) < 40
+        assert eventually(lambda: abs(motor.getPresentPosition() - 2300) < 40)
         motor.disableTorque()
         motor.LEDOn()
         assert motor.isLEDOn()
@@ -54,6 +56,7 @@ def test_the_easy_sdk(port: str) -> None:
         connector.closePort()
 
 
+@bears(0.01)
 def test_rustypot(port: str) -> None:
     client = rustypot.Xl330PyController(port, 1_000_000, 0.2)
     assert client.ping(1)
@@ -61,12 +64,13 @@ def test_rustypot(port: str) -> None:
     ids = [1, 2, 3]
     client.sync_write_torque_enable(ids, [True] * 3)
     client.sync_write_goal_position(ids, [0.2, -0.2, 0.1])
-    time.sleep(1.0)
-    assert client.sync_read_present_position(ids) == pytest.approx([0.2, -0.2, 0.1], abs=0.06)
+    arrived = pytest.approx([0.2, -0.2, 0.1], abs=0.06)
+    assert eventually(lambda client=client: client.sync_read_present_position(ids) == arrived)
     client.sync_write_torque_enable(ids, [False] * 3)
     del client  # closes its port
 
 
+@bears(0.01)
 def test_dynamixel_python(port: str) -> None:
     bus = MotorBus(port, 1_000_000)
     bus.connect()

@@ -26,10 +26,11 @@ from dynamixel_sdk import (
 from mcap.exceptions import EndOfFile
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
+from sleeper import eventually, undisturbed
 
 from robolamp.emulator.foot import crc16_ccitt
 
-from .parts import Status, read
+from .parts import PatientHandler, Status, read
 
 COMMAND = [sys.executable, "-c", "from robolamp.cli.main import main; main()", "emulate"]
 
@@ -42,7 +43,7 @@ def emulator(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], dict[str,
         yield process, json.loads(process.stdout.readline())
     finally:
         process.kill()
-        process.communicate(timeout=10)
+        process.communicate(timeout=60)
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +51,7 @@ def ports() -> Iterator[dict[str, str]]:
     with emulator("--reality", "none") as (process, ready):
         yield {key: str(value) for key, value in ready.items() if key.endswith("_port")}
         process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=10) == 0
+        assert process.wait(timeout=60) == 0
 
 
 @contextmanager
@@ -59,7 +60,7 @@ def sdk(port: str, baud: int = 1_000_000) -> Iterator[tuple[PortHandler, Protoco
     assert handler.openPort()
     try:
         assert handler.setBaudRate(baud)
-        yield handler, Protocol2PacketHandler()
+        yield handler, PatientHandler()
     finally:
         handler.closePort()
 
@@ -70,10 +71,11 @@ def test_ready_line() -> None:
         assert Path(str(ready["servo_port"])).is_char_device()
         assert [servo["id"] for servo in ready["servos"]] == [1, 2, 3]  # type: ignore[index,union-attr]
         process.terminate()
-        assert process.wait(timeout=10) == 0
+        assert process.wait(timeout=60) == 0
         assert process.stdout.read() == ""  # type: ignore[union-attr]
 
 
+@pytest.mark.realtime
 def test_the_sdk_finds_reads_and_writes_servos(ports: dict[str, str]) -> None:
     with sdk(ports["servo_port"]) as (port, packets):
         found, result = packets.broadcastPing(port)
@@ -88,6 +90,7 @@ def test_the_sdk_finds_reads_and_writes_servos(ports: dict[str, str]) -> None:
         assert packets.write1ByteTxRx(port, 1, 7, 253) == (COMM_SUCCESS, 4)
 
 
+@pytest.mark.realtime
 def test_the_sdk_moves_the_lamp(ports: dict[str, str]) -> None:
     with sdk(ports["servo_port"]) as (port, packets):
         reader, writer = GroupSyncRead(port, packets, 126, 10), GroupSyncWrite(port, packets, 116, 4)
@@ -100,22 +103,24 @@ def test_the_sdk_moves_the_lamp(ports: dict[str, str]) -> None:
             for id, goal in goals.items():
                 writer.addParam(id, goal.to_bytes(4, "little"))
             assert writer.txPacket() == COMM_SUCCESS
-            time.sleep(0.8)
-            assert reader.txRxPacket() == COMM_SUCCESS
+            assert eventually(
+                lambda: reader.txRxPacket() == COMM_SUCCESS and abs(reader.getData(3, 132, 4) - 2348) < 60
+            )
             assert all(reader.isAvailable(id, 132, 4) for id in goals)
-            assert abs(reader.getData(3, 132, 4) - 2348) < 60
             assert packets.write1ByteTxRx(port, 1, 9, 1) == (COMM_SUCCESS, 7)
         finally:
             for id in (1, 2, 3):
                 packets.write1ByteTxRx(port, id, 64, 0)
 
 
+@pytest.mark.realtime
 def test_a_client_may_close_and_come_back(ports: dict[str, str]) -> None:
     for _ in range(3):
         with sdk(ports["servo_port"]) as (port, packets):
             assert packets.ping(port, 1)[1] == COMM_SUCCESS
 
 
+@pytest.mark.realtime
 def test_a_client_at_the_wrong_rate_hears_nothing(ports: dict[str, str]) -> None:
     with sdk(ports["servo_port"], 57_600) as (port, packets):
         assert packets.ping(port, 1)[1] != COMM_SUCCESS
@@ -123,6 +128,7 @@ def test_a_client_at_the_wrong_rate_hears_nothing(ports: dict[str, str]) -> None
         assert packets.ping(port, 1)[1] == COMM_SUCCESS
 
 
+@pytest.mark.realtime
 def test_rubbish_on_the_line_does_no_harm(ports: dict[str, str]) -> None:
     with sdk(ports["servo_port"]) as (port, packets):
         port.writePort(os.urandom(300) + b"\xff\xff\xfd\x00\x01\xff")
@@ -142,17 +148,21 @@ def frames(data: bytes) -> list[tuple[int, int]]:
     return found
 
 
+@pytest.mark.realtime
 def test_the_foot_sends_fresh_frames_without_gaps(ports: dict[str, str]) -> None:
-    with serial.Serial(ports["foot_port"], 115_200, timeout=0.05) as port:
-        stale = port.read(100_000)
-        assert len(stale) < 16 * 200  # none were kept while nobody listened
-        data, begun = b"", time.monotonic()
-        while time.monotonic() < begun + 0.5:
-            data += port.read(64)
-        seen = frames(data)
-    assert 200 <= len(seen) <= 300
-    assert all((later - earlier) % 65536 == 1 for (earlier, _), (later, _) in pairwise(seen))
-    assert all(0 <= force < 20_000 for _, force in seen)
+    def attempt() -> None:
+        with serial.Serial(ports["foot_port"], 115_200, timeout=0.05) as port:
+            stale = port.read(100_000)
+            assert len(stale) < 16 * 200  # none were kept while nobody listened
+            data, begun = b"", time.monotonic()
+            while time.monotonic() < begun + 0.5:
+                data += port.read(64)
+            seen = frames(data)
+        assert 200 <= len(seen) <= 300
+        assert all((later - earlier) % 65536 == 1 for (earlier, _), (later, _) in pairwise(seen))
+        assert all(0 <= force < 20_000 for _, force in seen)
+
+    undisturbed(attempt, 0.02)
 
 
 def messages(path: Path) -> dict[str, list[tuple[int, Any]]]:
@@ -176,19 +186,26 @@ def messages(path: Path) -> dict[str, list[tuple[int, Any]]]:
     return found
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGQUIT, signal.SIGKILL])
 def test_truth_is_logged_until_the_end(tmp_path: Path, number: int) -> None:
     path = tmp_path / "truth.mcap"
-    with emulator("--truth", str(path)) as (process, _):
-        began = time.time()
-        time.sleep(1.5)
-        process.send_signal(number)
-        process.wait(timeout=10)
-    seen = messages(path)
-    assert set(seen) == {"/truth/joints", "/truth/base"}
-    log_time, base = seen["/truth/base"][-1]
-    expected = 1.3 if number != signal.SIGKILL else 0.6  # a killed writer loses what it had not flushed
-    assert log_time / 1e9 - began > expected
+
+    def attempt() -> dict[str, list[tuple[int, Any]]]:
+        with emulator("--truth", str(path)) as (process, _):
+            began = time.time()
+            time.sleep(1.5)
+            process.send_signal(number)
+            process.wait(timeout=60)
+        seen = messages(path)
+        assert set(seen) == {"/truth/joints", "/truth/base"}
+        log_time, _ = seen["/truth/base"][-1]
+        expected = 1.3 if number != signal.SIGKILL else 0.6  # a killed writer loses what it had not flushed
+        assert log_time / 1e9 - began > expected
+        return seen
+
+    seen = undisturbed(attempt, 0.02)
+    _, base = seen["/truth/base"][-1]
     steps = [second - first for (first, _), (second, _) in pairwise(seen["/truth/base"])]
     assert max(steps) < 6_000_000
     assert base.fallen is False
@@ -206,7 +223,7 @@ def test_it_ends_with_the_process_that_started_it() -> None:
     )
     output = subprocess.run([sys.executable, "-c", starter], capture_output=True, text=True, check=True, timeout=60)
     pid = json.loads(output.stdout)["pid"]
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + 60
     while Path(f"/proc/{pid}").exists() and time.monotonic() < deadline:
         if "State:\tZ" in Path(f"/proc/{pid}/status").read_text():
             break
@@ -242,23 +259,24 @@ def test_it_says_what_it_emulates() -> None:
             if "Ctrl-C" in line:
                 break
         process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=10) == 0
+        assert process.wait(timeout=60) == 0
     finally:
         process.kill()
-        process.communicate(timeout=10)
+        process.communicate(timeout=60)
     text = "".join(lines)
     assert "/dev/pts/" in text
     assert "knee = XL330-M288-T id 2" in text
     assert "not modelled" in text
 
 
+@pytest.mark.realtime
 def test_a_long_answer_comes_in_pieces_and_one_that_comes_twice_after_itself(tmp_path: Path) -> None:
     script = tmp_path / "twice.toml"
     script.write_text('name = "twice"\n\n[status]\nduplicated = 1.0\n')
     size = 100  # of the control table: more than a piece
     with (
         emulator("--reality", "none", "--faults", str(script)) as (_, ready),
-        serial.Serial(str(ready["servo_port"]), 1_000_000, timeout=2.0) as port,
+        serial.Serial(str(ready["servo_port"]), 1_000_000, timeout=30.0) as port,
     ):
         port.write(read(1, 0, size))
         once = port.read(11 + size)

@@ -11,7 +11,16 @@ import pytest
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-@pytest.mark.parametrize("script", sorted(EXAMPLES.glob("*.py")), ids=lambda script: script.stem)
+REALTIME = {"03_emulator"}
+
+
+@pytest.mark.parametrize(
+    "script",
+    [
+        pytest.param(script, id=script.stem, marks=[pytest.mark.realtime] if script.stem in REALTIME else [])
+        for script in sorted(EXAMPLES.glob("*.py"))
+    ],
+)
 def test_example_runs(script: Path, tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-W", "error", str(script)],

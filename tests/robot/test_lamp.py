@@ -21,7 +21,10 @@ from robolamp.robot.lamp import RobotLamp
 from robolamp.runtime.clock import MonotonicClock
 from robolamp.signals import Command
 
+pytestmark = pytest.mark.realtime
+
 LAMP = load_lamp(Assets())
+PATIENCE = 0.2  # s: a test machine may be busy
 
 
 class Foot:
@@ -59,7 +62,7 @@ def foot() -> Foot:
 
 
 def robot_lamp(line: Responder, foot: Foot, lamp: Lamp = LAMP) -> RobotLamp:
-    return RobotLamp(lamp, line.name, foot, MonotonicClock(), patience=0.05)
+    return RobotLamp(lamp, line.name, foot, MonotonicClock(), patience=PATIENCE)
 
 
 @pytest.fixture
@@ -101,7 +104,7 @@ def test_a_servo_that_reboots_shows_its_torque_off(line: Responder, ready: Robot
 
 
 def test_careful_runs_have_less_duty(line: Responder, foot: Foot) -> None:
-    backend = RobotLamp(LAMP, line.name, foot, MonotonicClock(), patience=0.05, duty=0.4)
+    backend = RobotLamp(LAMP, line.name, foot, MonotonicClock(), patience=PATIENCE, duty=0.4)
     backend.open()
     backend.torque(True)
     assert [line.servos[i][Name.GOAL_PWM] for i in (1, 2, 3)] == [354] * 3
@@ -130,7 +133,7 @@ def test_wrong_settings_are_mended_on_demand(line: Responder, foot: Foot) -> Non
     with pytest.raises(SafetyError, match=r"Return Delay Time\(9\) is 250, not 0 .*--fix mends") as caught:
         robot_lamp(line, foot).open()
     assert all(name in str(caught.value) for name in list(wrong)[:-1])
-    backend = RobotLamp(LAMP, line.name, foot, MonotonicClock(), patience=0.05, fix=True)
+    backend = RobotLamp(LAMP, line.name, foot, MonotonicClock(), patience=PATIENCE, fix=True)
     backend.open()
     backend.close()
     assert len(backend.mended) == len(wrong)
@@ -153,7 +156,7 @@ def test_fix_does_not_hide_what_it_cannot_mend(line: Responder, foot: Foot) -> N
     line.servos[1][Name.RETURN_DELAY_TIME] = 250
     line.servos[3][Name.PRESENT_TEMPERATURE] = 60
     with pytest.raises(SafetyError, match=r"not ready: neck \(id 3\): has 60 degC, more than 55; let it cool$"):
-        RobotLamp(LAMP, line.name, foot, MonotonicClock(), patience=0.05, fix=True).open()
+        RobotLamp(LAMP, line.name, foot, MonotonicClock(), patience=PATIENCE, fix=True).open()
     assert line.servos[1][Name.RETURN_DELAY_TIME] == 0
 
 
@@ -166,7 +169,7 @@ def test_a_slow_adapter_is_named_and_mended(
     timer.write_text("16\n")
     with pytest.raises(SafetyError, match=r"latency timer is 16 ms, not 1; `echo 1 \| sudo tee .*latency_timer`"):
         robot_lamp(line, foot).open()
-    backend = RobotLamp(LAMP, line.name, foot, MonotonicClock(), patience=0.05, fix=True)
+    backend = RobotLamp(LAMP, line.name, foot, MonotonicClock(), patience=PATIENCE, fix=True)
     backend.open()
     backend.close()
     assert timer.read_text() == "1\n"
@@ -240,9 +243,9 @@ def test_gaps_grow_old_and_are_named(line: Responder, ready: RobotLamp) -> None:
     for seen in (first, second):
         assert np.isnan(seen.angle).tolist() == [False, True, False]
         assert seen.faults == ("knee: no answer",)
-    assert second.angle_age[1] > first.angle_age[1] > 0.04
+    assert second.angle_age[1] > first.angle_age[1] > 0.8 * PATIENCE
     line.servos[2].silent = False
-    assert ready.observe().angle_age[1] < 0.04
+    assert ready.observe().angle_age[1] < second.angle_age[1]
 
 
 def test_a_bus_that_goes_away_is_all_gaps(line: Responder, ready: RobotLamp) -> None:
@@ -296,7 +299,7 @@ def test_a_reading_after_the_silence_does_not_hide_it(line: Responder, ready: Ro
     time.sleep(robot.WATCHDOG + 0.05)
     line.servos[1][Name.BUS_WATCHDOG] = line.servos[3][Name.BUS_WATCHDOG] = -1
     ready.observe()
-    with pytest.raises(SafetyError, match=r"Bus Watchdog has stopped ankle, neck: nothing was sent for 0\.2"):
+    with pytest.raises(SafetyError, match=r"Bus Watchdog has stopped ankle, neck: nothing was sent for \d+\.\d\d s"):
         ready.command(Command(np.zeros(3)))
     ready.torque(False)
     ready.torque(True)
@@ -359,7 +362,7 @@ def test_a_goal_is_known_to_have_arrived_only_where_it_was_read(line: Responder,
 
 def test_an_angle_is_as_old_as_its_reading(line: Responder, direct: RobotLamp) -> None:
     line.servos[2].deaf_blocks.add(64)  # the second block waits for it, after the angles were read
-    assert (direct.observe().angle_age > 0.05).all()
+    assert (direct.observe().angle_age > PATIENCE).all()
 
 
 def spoil(name: Name, value: int) -> Callable[[Responder, Foot], None]:
