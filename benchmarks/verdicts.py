@@ -34,7 +34,7 @@ from pathlib import Path
 import numpy as np
 
 from robolamp.cli.drive import Drive, drive
-from robolamp.cli.lockstep import lockstep_lamp
+from robolamp.cli.lockstep import LockstepLamp
 from robolamp.cli.options import Setup
 from robolamp.compare.run import compare_log
 from robolamp.controller.terminals import all_terminals
@@ -244,9 +244,9 @@ def run(setup: Setup, trial: Trial, folder: Path) -> tuple[Run, Truth]:
         hop = setup.controller(str(folder / "constant.toml"), on_board=True)
     log, truth = folder / "log.mcap", folder / "truth.mcap"
     plan, stop = Drive(setup, hop, trial.goal, DURATION, "emulator", log), Timed()
-    with lockstep_lamp(setup, trial.reality, trial.faults or Faults("none"), truth, None) as (ports, virtual):
-        stop.clock, stop.at = virtual.clock, trial.stop
-        drive(plan, ports.servo_port, ports.foot_port, stop, True, virtual)
+    with LockstepLamp(setup, trial.reality, trial.faults or Faults("none"), truth, None) as lamp:
+        stop.clock, stop.at = lamp.virtual.clock, trial.stop
+        drive(plan, lamp.servo_port, lamp.foot_port, stop, True, lamp.virtual)
     return kill(log) if trial.killed else read_run(log), read_truth(truth)
 
 

@@ -93,7 +93,7 @@ def flights(side: Side, lamp: Lamp) -> list[Flight]:
             ticks = round((time[row - 1] - time[last]) / period)
             if ticks * period >= shortest_flight(lamp.flight_time, period) and off >= 0.0:
                 found.append(Flight(off, on))
-    return [flight for flight in found if _seen(flight, time)]
+    return [flight for flight in found if _seen(flight, time[np.isfinite(force)])]
 
 
 def _seen(flight: Flight, time: Array) -> bool:

@@ -101,6 +101,7 @@ class LogWriter:
         self._lossless = lossless
         self._queue: queue.Queue[tuple[_Message, ...]] = queue.Queue(QUEUE_LENGTH)
         self._closed = False
+        self._over = False  # whether the thread has met the end of the queue
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file = os.fdopen(open_new(self.path), "wb", buffering=0)
@@ -220,6 +221,7 @@ class LogWriter:
                     self._flushed = [self._flushed[-1], self._stream.tell()]
             self._tell_dropped()
             self._writer.finish()
+            self._stream.flush()  # by itself: a close that fails leaves no file to be sealed
             self._stream.close()
         except OSError as error:
             self._give_up(error.strerror or str(error))
@@ -228,9 +230,11 @@ class LogWriter:
 
     def _next(self, deadline: float) -> tuple[_Message, ...]:
         try:
-            return self._queue.get(timeout=max(0.0, deadline - time.monotonic()))
+            entry = self._queue.get(timeout=max(0.0, deadline - time.monotonic()))
         except queue.Empty:
             return ()
+        self._over = entry is _END
+        return entry
 
     def _encode(self, message: _Message) -> None:
         if message.schema == _CONTEXT:
@@ -258,8 +262,8 @@ class LogWriter:
             self._seal(reason)
         with contextlib.suppress(OSError):
             self._file.close()  # past the buffer, whose bytes are part of what could not be written
-        while self._next(time.monotonic() + FLUSH_PERIOD) is not _END:  # let nobody wait on a full queue
-            pass
+        while not self._over:  # let nobody wait on a full queue
+            self._next(time.monotonic() + FLUSH_PERIOD)
 
     def _seal(self, reason: str) -> None:
         """Close the file behind the last flush; what half a chunk took up makes room for it, else the last chunk."""

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 
 from robolamp.cli.drive import Drive, drive
-from robolamp.cli.lockstep import lockstep_lamp
+from robolamp.cli.lockstep import LockstepLamp
 from robolamp.cli.options import Setup
 from robolamp.emulator.faults import Event, Faults
 from robolamp.emulator.reality import load_reality
@@ -54,7 +54,8 @@ def dry_run(
     plan = Drive(SETUP, SETUP.controller(controller, on_board=True), goal, 4.0, "emulator", log)
     faults = Faults("none") if event is None else Faults("one", events=(event,))
     bent = load_reality(reality, SETUP.lamp, SETUP.assets)
-    with lockstep_lamp(SETUP, bent, faults, folder / "truth.mcap", None) as (ports, virtual):
-        asked.clock, asked.at = virtual.clock, stop
-        drive(plan, ports.servo_port, ports.foot_port, asked, True, virtual)
+    with LockstepLamp(SETUP, bent, faults, folder / "truth.mcap", None) as lamp:
+        asked.clock, asked.at = lamp.virtual.clock, stop
+        drive(plan, lamp.servo_port, lamp.foot_port, asked, True, lamp.virtual)
+    assert lamp.failed is None
     return log

@@ -218,6 +218,30 @@ print(log.error, "|", index, "|", threading.active_count())
         assert run.index.size > 50
 
 
+def test_a_disk_that_is_full_only_when_the_log_is_closed_holds_up_nobody(tmp_path):
+    path = tmp_path / "run.mcap"
+    code = f"""
+import os, resource, sys
+sys.path.insert(0, {str(HERE)!r})
+from pathlib import Path
+from robolamp.log import writer
+from ticks import JOINTS, make_tick
+def write(count=3):
+    log = writer.LogWriter({str(path)!r}, context={{}}, joints=JOINTS, now=100.0, lossless=True)
+    for index in range(count):
+        log.tick(make_tick(index))
+    log.close()
+    return log.error
+write()
+whole = Path({str(path)!r}).stat().st_size
+for missing in (1, 100, 1000):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (whole - missing, resource.RLIM_INFINITY))
+    print(write())
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.stderr, done.stdout) == ("", "File too large\n" * 3)
+
+
 def test_a_disk_that_stalls_holds_up_no_tick_and_is_told_of(tmp_path, monkeypatch):
     monkeypatch.setattr(writer_module, "QUEUE_LENGTH", 20)
     monkeypatch.setattr(writer_module, "FLUSH_PERIOD", 0.01)
