@@ -99,7 +99,7 @@ def three(comparison: Comparison) -> tuple[tuple[str, str, str], ...]:
     task, judged, alone = comparison.task, comparison.judged, comparison.alone
     against, same = "Does the twin explain it?", "Driven with the goals that the lamp was sent, the twin does the same"
     if comparison.reference is not None:
-        against, same = "Do both runs agree?", f"The lamp and {comparison.other.name} do the same"
+        against, same = "Do both runs agree?", f"The {comparison.lamp.name} and the {comparison.other.name} do the same"
     why = judged.why or (f"{same}, within the tolerances",)
     return (
         ("Did it do the task?", _capital(task.word), _sentences(task.why)),

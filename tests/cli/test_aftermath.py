@@ -20,12 +20,12 @@ RUN = ["dry-run", "hop", "--goal", "0.1", "--duration", "0.5", "--lockstep", "-o
 TICKS = 176  # of soft start, half a second, and landing
 
 
-def robolamp(*words: str, cwd: Path, blocks: int | None = None, **environment: str) -> subprocess.CompletedProcess[str]:
+def robolamp(*words: str, cwd: Path, blocks: int | None = None) -> subprocess.CompletedProcess[str]:
     """Run it, with files no longer than so many blocks of 1024 bytes: a disk that fills up."""
     limit = f"ulimit -f {blocks}; " if blocks else ""
     return subprocess.run(
         ["bash", "-c", f'{limit}exec "$@"', "-", sys.executable, "-m", "robolamp", *words],
-        cwd=cwd, capture_output=True, text=True, timeout=200, check=False, env={**os.environ, **environment},
+        cwd=cwd, capture_output=True, text=True, timeout=200, check=False,
     )  # fmt: skip
 
 
@@ -38,23 +38,22 @@ def in_the_way(name: str) -> Callable[[Path], None]:
 
 
 @pytest.mark.parametrize(
-    ("prepare", "blocks", "environment", "says"),
+    ("prepare", "blocks", "says"),
     [
-        (nothing, 12, {}, "truth.mcap: the truth log ended early: File too large"),
-        (nothing, 200, {}, "report.html: cannot be written: File too large"),
-        (in_the_way("report.html"), None, {}, "report.html: cannot be written: Is a directory"),
-        (in_the_way("report.twin.mcap"), None, {}, "report.twin.mcap: Is a directory"),
-        (nothing, None, {"MPLBACKEND": "nosuch"}, "Key backend: 'nosuch' is not a valid value"),
+        (nothing, 12, "truth.mcap: the truth log ended early: File too large"),
+        (nothing, 200, "report.html: cannot be written: File too large"),
+        (in_the_way("report.html"), None, "report.html: cannot be written: Is a directory"),
+        (in_the_way("report.twin.mcap"), None, "report.twin.mcap: cannot be written: Is a directory"),
     ],
-    ids=["full disk", "full for the report", "report in the way", "replay in the way", "matplotlib fails"],
+    ids=["full disk", "full for the report", "report in the way", "replay in the way"],
 )
 def test_results_are_told_whatever_fails_after_the_run(
-    tmp_path: Path, prepare: Callable[[Path], None], blocks: int | None, environment: dict[str, str], says: str
+    tmp_path: Path, prepare: Callable[[Path], None], blocks: int | None, says: str
 ) -> None:
     for folder, as_json in ((tmp_path / "a", []), (tmp_path / "b", ["--json"])):
         folder.mkdir()
         prepare(folder)
-        done = robolamp(*RUN, *as_json, cwd=folder, blocks=blocks, **environment)
+        done = robolamp(*RUN, *as_json, cwd=folder, blocks=blocks)
         assert done.returncode == 2
         assert says in done.stderr
         assert "Traceback" not in done.stderr

@@ -44,7 +44,7 @@ def compare(capsys, *words) -> tuple[int, dict]:
 def test_a_good_run_is_done_and_inside_by_the_truth_beside_its_log(good, tmp_path, capsys):
     code, said = compare(capsys, good, "--no-diagnosis", "-o", tmp_path / "r.html")
     assert (code, said["task"], said["verdict"], said["verdict_why"]) == (0, "done", "inside", [])
-    assert said["task_why"][0].startswith("landed at 29.4 cm for a goal of 30.0 cm")
+    assert said["task_why"][0].startswith("landed at 29.7 cm for a goal of 30.0 cm")
     assert said["hops"] == said["hops_flown"] == said["twin_alone_hops"]
     assert said["twin_alone_m"] == pytest.approx(said["travel_m"], abs=0.005)
     assert said["twin_alone_fell"] is False

@@ -159,7 +159,8 @@ def test_every_verb_reads_such_logs(pair, tmp_path, capsys, verb, kind):
     with pytest.raises(SystemExit) as caught:
         main([str(words.get(word, word.replace("OUT", str(tmp_path / "out")))) for word in verb])
     out, err = capsys.readouterr()
-    assert (caught.value.code or 0, err) == (0, "")
+    missed = verb[0] == "compare" and verb[1] != "FOLDER"  # the lamp of these logs stands where it stood
+    assert (caught.value.code or 0, err) == (1 if missed else 0, "")
     if kind == "clock" and verb[:2] == ["log", "info"]:
         assert "clock was set by -3600.00 s" in out
         assert " 3.98 s" in out  # how long it took, not what the stamps say

@@ -187,7 +187,7 @@ import resource, signal, sys, threading, time
 sys.path.insert(0, {str(HERE)!r})
 from robolamp.log import writer
 from ticks import JOINTS, make_tick
-writer.FLUSH_PERIOD = 0.02
+writer.FLUSH_PERIOD = 0.005
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, ({room}, {room}))
 log = writer.LogWriter({str(path)!r}, context={{}}, joints=JOINTS, now=100.0, lossless=True)

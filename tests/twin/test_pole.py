@@ -134,8 +134,8 @@ def test_pictures_show_it(opengl: bool) -> None:
     if not opengl:
         side = side_view(twin, pose[0], 160, 200)
         rows_, columns = np.nonzero(red)
-        assert columns.mean() > 160 * 0.45 + 0.09 * 200 / 0.36
-        assert rows_.mean() == pytest.approx(200 * 0.86 - 0.204 * 200 / 0.36, abs=2)
+        assert columns.mean() > 160 * 0.45 + 0.09 * 200 / 0.40
+        assert rows_.mean() == pytest.approx(200 * 0.86 - 0.204 * 200 / 0.40, abs=2)
         assert side.shape == (200, 160, 3)
 
 
