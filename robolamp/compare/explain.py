@@ -287,7 +287,8 @@ def noise(evidence: Evidence) -> list[Explanation]:
     found = []
     for index, joint in enumerate((*run.joints, "")):
         what = "angle" if joint else "force"
-        series = run.angle[still, index] if joint else run.foot_force[still]
+        series = np.full(run.index.size, np.nan)  # from one rest to the next nothing follows
+        series[still] = run.angle[still, index] if joint else run.foot_force[still]
         known = ENCODER_STEP / np.sqrt(12) if joint else FORCE_NOISE
         ratio = max(roughness(series) / known, 1.0)
         size = known * float(np.sqrt(ratio**2 - 1))
@@ -326,10 +327,12 @@ def roughness(series: Array) -> float:
 
     Returns:
         NaN-free: 0 where there are too few samples to tell. White noise of deviation s has second differences of
-        deviation s sqrt(6); the median keeps a knock or a late settling out (1.4826 makes it a deviation).
+        deviation s sqrt(6). What is off by more than four deviations, by their median (1.4826 makes it one), is a knock
+        or a late settling, and left out; the median alone would tell no noise between one encoder step and the next.
     """
     bends = np.diff(series, 2)
     bends = bends[np.isfinite(bends)]
     if bends.size < STILL_TICKS:
         return 0.0
-    return float(1.4826 * np.median(np.abs(bends)) / np.sqrt(6.0))
+    kept = bends[np.abs(bends) <= 4 * 1.4826 * np.median(np.abs(bends))]
+    return float(np.sqrt(np.mean(kept**2) / 6.0))

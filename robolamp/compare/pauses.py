@@ -11,6 +11,8 @@ from robolamp.log.reader import Run
 
 Array = NDArray[np.float64]
 
+_ROUNDING = 1e-9  # s: what sums of times are off by
+
 
 @dataclass(frozen=True)
 class Pause:
@@ -105,7 +107,8 @@ def paused_before(run: Run, time: Array) -> Array:
     """
     total = np.zeros(np.shape(time))
     for pause in pauses(run):
-        total = np.where(time >= pause.end, total + pause.length, np.where(time > pause.begin, np.nan, total))
+        over, stands = time >= pause.end - _ROUNDING, time > pause.begin + _ROUNDING
+        total = np.where(over, total + pause.length, np.where(stands, np.nan, total))
     return total
 
 
@@ -123,5 +126,5 @@ def on_clock_of(run: Run, other: Run, time: Array) -> Array:
     driven = time - paused_before(other, time + origin(other))
     for pause in pauses(run):
         at = pause.begin - origin(run)
-        driven = np.where(driven >= at, driven + pause.length, driven)
+        driven = np.where(driven >= at - _ROUNDING, driven + pause.length, driven)
     return driven

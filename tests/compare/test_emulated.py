@@ -63,11 +63,15 @@ def test_a_log_says_how_long_answers_are_on_the_wire(straight):
 
 
 def test_a_noisy_encoder_is_named_first_with_its_size(tmp_path):
-    noisy = replace(NONE, encoder_noise=np.array([0.0, 0.0, 0.0015]), seed=1)
-    log = hop(tmp_path / "log.mcap", noisy)
-    first = explain(Evidence(read_run(log), LAMP, CALIBRATION, ASSETS), LAMP).causes[0]
-    assert first.name == "encoder noise neck"
-    assert first.size == pytest.approx(0.0015, rel=0.4)
+    sizes = []
+    for seed in range(1, 6):
+        noisy = replace(NONE, encoder_noise=np.array([0.0, 0.0, 0.0015]), seed=seed)
+        log = hop(tmp_path / f"{seed}.mcap", noisy)
+        first = explain(Evidence(read_run(log), LAMP, CALIBRATION, ASSETS), LAMP).causes[0]
+        assert first.name == "encoder noise neck"
+        sizes.append(first.size)
+    assert np.median(sizes) == pytest.approx(0.0015, rel=0.2)  # of some 30 ticks at rest each
+    assert max(sizes) / min(sizes) < 2.0
 
 
 @pytest.mark.parametrize("latency", [0.001, 0.0015])

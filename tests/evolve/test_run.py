@@ -108,7 +108,7 @@ def test_a_seed_of_another_control_period_is_refused(tmp_path: Path) -> None:
 
 def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(FileError, match="cannot be written"):
+    with pytest.raises(FileError, match="cannot be made"):
         run(task(tmp_path), tmp_path / "file" / "run")
 
 
