@@ -14,7 +14,7 @@ hop: $(VENV)/installed  ## the shipped controller hops on the emulated lamp (GOA
 	$(BIN)/robolamp dry-run hop --goal $(GOAL) --open
 
 test: $(VENV)/developed lint opengl browser micropython  ## lint, types, import floors and all tests but the slow ones
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -m "not slow" -n auto --dist loadfile
 
 test-slow: $(VENV)/developed opengl browser  ## the tests that take more than a minute each
 	$(BIN)/python -m pytest -m slow

@@ -226,6 +226,7 @@ sys.path.insert(0, {str(HERE)!r})
 from pathlib import Path
 from robolamp.log import writer
 from ticks import JOINTS, make_tick
+writer.FLUSH_PERIOD = 60.0  # one chunk each time, so the same length
 def write(count=3):
     log = writer.LogWriter({str(path)!r}, context={{}}, joints=JOINTS, now=100.0, lossless=True)
     for index in range(count):
