@@ -243,25 +243,24 @@ class RobotLamp:
         """Open ports that went away again, once, and run the whole preflight as `open` does; torque is left as it is.
 
         Returns:
-            Whether the lamp is back and fit: everything answers. Until `torque(True)` each servo may be stopped by its
+            True: the lamp is back and fit, everything answers. Until `torque(True)` each servo may be stopped by its
             watchdog.
 
         Raises:
+            BusError: It is not there yet; the message says what is missing.
             SafetyError: It is back, and not fit to be moved: another model, settings, state, angle, or foot.
         """
-        if self._servos is None:
-            return False
+        self._ready()
         self._bus.close()
-        try:
-            self._bus.open()
-            if any(self._bus.ping(joint.id) is None for joint in self._lamp.joints):
-                return False
-            if self._foot is not None and self._foot.gone:
-                self._foot.close()
-                self._foot.open()
-            self._check(holding=True)
-        except BusError:
-            return False
+        self._bus.open()
+        silent = [self._bus.label(joint.id) for joint in self._lamp.joints if self._bus.ping(joint.id) is None]
+        if silent:
+            said = "does not answer" if len(silent) == 1 else "do not answer"
+            raise BusError(f"{', '.join(silent)} {said} to a ping", self._bus.name)
+        if self._foot is not None and self._foot.gone:
+            self._foot.close()
+            self._foot.open()
+        self._check(holding=True)
         self._damage()
         return True
 

@@ -241,7 +241,8 @@ class Replugged:
         self.robot.torque(True)
         self.ports.clock.sleep_until(1.1)
         self.robot.observe()
-        assert not self.robot.reconnect()
+        with pytest.raises(BusError):
+            self.robot.reconnect()
         self.ports.clock.sleep_until(1.6)
 
 
@@ -270,7 +271,8 @@ def test_a_lamp_that_comes_back_otherwise_is_refused(name: Name, value: int, sai
     lamp = Replugged()
     lamp.world.servos[1].put(name, value)
     if name is Name.ID:
-        assert not lamp.robot.reconnect()  # the knee is not there
+        with pytest.raises(BusError, match=r"knee \(id 2\) does not answer to a ping"):
+            lamp.robot.reconnect()
     else:
         with pytest.raises(SafetyError) as caught:
             lamp.robot.reconnect()

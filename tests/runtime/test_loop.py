@@ -543,7 +543,7 @@ def test_servos_that_are_not_ready_yet_are_asked_again(refusals: int) -> None:
     result = run(lamp, Wave(), LAMP, duration=1.0, reconnect=lamp.reconnect)
     assert (result.ended, result.replugs) == (("finished", 1) if ends else ("cut", 0))
     if not ends:
-        assert result.reason == ("the port is gone; it did not come back in 10 s (knee (id 2) does not answer)")
+        assert result.reason == ("the port is gone; the lamp was not back in 10 s: knee (id 2) does not answer")
 
 
 def test_a_stop_while_waiting_is_the_reason_and_torque_stays_off() -> None:
