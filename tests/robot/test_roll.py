@@ -99,6 +99,16 @@ def test_a_servo_that_confirms_nothing_is_not_renumbered(level: int) -> None:
     assert world.servos[0].id == 5
 
 
+def test_a_second_servo_that_answers_no_reads_is_found_before_anything_is_renumbered() -> None:
+    world = BareServos([servo(), servo(position=2.0)])
+    world.servos[1].put(Name.STATUS_RETURN_LEVEL, 0)
+    ports = Lockstep(world, 1_000_000)
+    (found,) = scan(ports.servo_port, ports.clock, rates=(1_000_000,), last=3)
+    with pytest.raises(SafetyError, match=DOUBLED):
+        assign(ports.servo_port, ports.clock, found, 2, 1_000_000)
+    assert [each.id for each in world.servos] == [1, 1]
+
+
 def rig(*events: Event, lamp: Lamp = LAMP, volts: float = 0.0) -> tuple[EmulatedLamp, Lockstep]:
     reality = dataclasses.replace(Reality.none(lamp), supply=volts)
     faults = Faults("script", events=events)
