@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.dynamixel.bus import PATIENCE, SETTING_PATIENCE, Bus, Port
+from robolamp.dynamixel.registers import MODELS
 from robolamp.dynamixel.servos import Servos
 from robolamp.dynamixel.state import ServoState
 from robolamp.dynamixel.wire import wire_time
@@ -17,6 +18,7 @@ from robolamp.foot.sensor import ByteSource, FootSensor
 from robolamp.lamp import Lamp
 from robolamp.robot.frame import JointFrame
 from robolamp.robot.preflight import preflight
+from robolamp.robot.roll import check_alone
 from robolamp.signals import Clock, Command, Health, Observation
 
 WATCHDOG = 0.2
@@ -111,8 +113,8 @@ class RobotLamp:
     def open(self) -> None:
         """Open both ports and check that the lamp may be moved; nothing moves.
 
-        Written are the servos' health blocks (RAM) and, only with `fix`, settings that are wrong, and lamp.toml where
-        that makes its zeros and signs wrong.
+        Written are the servos' health blocks and Status Return Level as it is (RAM) and, only with `fix`, settings that
+        are wrong, and lamp.toml where that makes its zeros and signs wrong.
 
         Raises:
             BusError: A port does not exist, a servo or the foot sensor does not answer.
@@ -142,6 +144,8 @@ class RobotLamp:
         """
         passed = preflight(self._lamp, self._bus, self._foot, self._clock, fix=fix, holding=holding)
         self.mended, self.notices = [*self.mended, *passed.mended], list(passed.notices)
+        for joint in self._lamp.joints:
+            check_alone(self._bus, joint.id, MODELS[joint.servo])
         passed.servos.prepare(passed.firmware)
         self._servos = passed.servos
 

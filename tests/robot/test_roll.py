@@ -124,6 +124,16 @@ def refused(ports: Lockstep, *, fix: bool = False, lamp: Lamp = LAMP) -> Robolam
     return caught.value
 
 
+def test_a_second_servo_that_answers_no_reads_is_found_before_a_run() -> None:
+    world = BareServos([servo(joint.id, position=joint.zero) for joint in LAMP.joints] + [servo(2, position=2.0)])
+    world.servos[3].put(Name.STATUS_RETURN_LEVEL, 0)
+    ports = Lockstep(world, 1_000_000)
+    robot = RobotLamp(LAMP, ports.servo_port, None, ports.clock)
+    with pytest.raises(SafetyError, match=rf"knee \(id 2\): {DOUBLED}"):
+        robot.open()
+    assert not any(each.register(Name.TORQUE_ENABLE) for each in world.servos)
+
+
 @pytest.mark.parametrize("fix", [False, True])
 def test_two_joints_with_one_id_are_named_and_nothing_is_mended(fix: bool) -> None:
     world, ports = rig()
