@@ -78,6 +78,29 @@ def holds(pid: int, path: str) -> bool:
     return holding
 
 
+def check_serial(path: str, option: str) -> None:
+    """Check that a path is a serial port, free or not: whoever has another file open must not be taken for its user.
+
+    Args:
+        path: The port.
+        option: As for `open_error`.
+
+    Raises:
+        BusError: It is something else, or cannot be opened.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except (OSError, ValueError) as error:
+        if getattr(error, "errno", None) == errno.EBUSY:  # a terminal that its user has claimed (TIOCEXCL)
+            return
+        raise open_error(path, error, option) from None
+    try:
+        if not os.isatty(descriptor):
+            raise open_error(path, OSError(errno.ENOTTY, os.strerror(errno.ENOTTY)), option)
+    finally:
+        os.close(descriptor)
+
+
 def open_error(path: str, error: Exception, option: str) -> BusError:
     """Return (not raise) the error for a port that could not be opened.
 

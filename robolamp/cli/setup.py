@@ -176,7 +176,7 @@ def _ask(text: str) -> None:
         print("robolamp: stopped; nothing was written", file=sys.stderr, flush=True)
         raise
     if not line:
-        raise RobolampError("nobody answers here; --yes goes without questions", "standard input")
+        raise RobolampError("nobody answers here; --yes (of zero, with --keep-signs) asks nothing", "standard input")
 
 
 def _scan(port: str, last_id: int) -> dict[str, Any]:
@@ -204,7 +204,7 @@ def _assign(port: str, lamp: Lamp, name: str | None, last_id: int) -> dict[str, 
         said = "assign wants --joint" if name is None else f"{name!r} is not a joint"
         raise RobolampError(f"{said}; expected one of {', '.join(lamp.names)}", "--joint")
     clock = MonotonicClock()
-    found = everyone = scan(port, clock, last=last_id)
+    found = everyone = scan(port, clock, last=max(last_id, *(other.id for other in lamp.joints)))
     done = {other.id for other in lamp.joints if other is not joint}  # servos that are another joint's already
     new = [servo for servo in found if servo.baud != lamp.bus_baud or servo.id not in done]
     found = new if len(found) > 1 else found
@@ -310,13 +310,21 @@ def _foot(port: str, lamp: Lamp, weight: float | None, ask: Ask | None) -> dict[
 def _check(port: str, foot_port: str, lamp: Lamp, fix: bool) -> dict[str, Any]:
     from robolamp.robot.lamp import RobotLamp
     from robolamp.runtime.clock import MonotonicClock
+    from robolamp.runtime.schedule import MAX_PERIOD, PERIOD, check_period, least_period
 
+    check_period(MAX_PERIOD, lamp)
     robot = RobotLamp(lamp, port, foot_port, MonotonicClock(), fix=fix)
     try:
         robot.open()
         transport = robot.transport
     finally:
         robot.close()
+    least = least_period(lamp)
+    if least > PERIOD:
+        robot.notices.append(
+            f"at bus.baud = {lamp.bus_baud} deploy refuses controllers with a control_period below {least:.3f} s "
+            f"({PERIOD:g} unless they say otherwise); raise the rate, of the servos too (`robolamp setup assign`)"
+        )
     lines = [f"mended: {text}" for text in robot.mended] + [f"note: {text}" for text in robot.notices]
     said = "\n".join([*lines, f"ready; a tick is read by {transport}"])
     return {"ready": True, "transport": transport, "mended": robot.mended, "notices": robot.notices, "said": said}

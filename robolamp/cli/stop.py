@@ -16,7 +16,7 @@ from robolamp.assets import Assets
 from robolamp.cli.output import print_json
 from robolamp.errors import RobolampError
 from robolamp.lamp import load_lamp
-from robolamp.ports import Holder, holders, holds
+from robolamp.ports import Holder, check_serial, holders, holds
 
 _GRACE = 6.0  # s after SIGTERM: a soft landing takes 1, servos that do not confirm are told for 2, a deploy starts in 2
 _KILLED = 2.0  # s after SIGKILL: what the kernel needs, and a slow driver
@@ -114,8 +114,9 @@ def _end(port: str, *, asks: bool, may_ask: bool, yes: bool) -> dict[Holder, boo
     """End the processes that have a port open, and return them, each with whether it had to be killed.
 
     Raises:
-        RobolampError: One is another user's, may not be ended, or does not end.
+        RobolampError: It is no serial port; one is another user's, may not be ended, or does not end.
     """
+    check_serial(port, "--port, or bus.port in hardware/lamp.toml")
     found = holders(port)
     for holder in found:
         if holder.user != os.getuid():
@@ -141,6 +142,7 @@ def _ended(holder: Holder, port: str) -> bool:
         with contextlib.suppress(ProcessLookupError):
             if holds(holder.pid, port):
                 os.kill(holder.pid, number)
+                os.kill(holder.pid, signal.SIGCONT)  # one that Ctrl-Z suspended hears it only then
         end = time.monotonic() + patience
         while holds(holder.pid, port):
             if time.monotonic() > end:

@@ -97,9 +97,8 @@ class FootSensor:
         """
         if self._source is not None:
             return
-        self.gone = False
         if self._path is None:
-            self._source = self._given
+            self._source, self.gone = self._given, False
             return
         try:
             port = serial.Serial(self._path, self._baud, timeout=0, exclusive=True)
@@ -107,7 +106,7 @@ class FootSensor:
             raise open_error(self._path, error, "--foot-port, or foot.port in hardware/lamp.toml") from None
         with contextlib.suppress(*_PORT_ERRORS):
             port.reset_input_buffer()
-        self._source = _Line(port)
+        self._source, self.gone = _Line(port), False  # not before: where it cannot be opened yet, it is still gone
 
     def close(self) -> None:
         """Close the port; may be called twice."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.dynamixel.bus import PATIENCE, SETTING_PATIENCE, Bus, Port
+from robolamp.dynamixel.registers import MODELS
 from robolamp.dynamixel.servos import Servos
 from robolamp.dynamixel.state import ServoState
 from robolamp.dynamixel.wire import wire_time
@@ -17,6 +18,7 @@ from robolamp.foot.sensor import ByteSource, FootSensor
 from robolamp.lamp import Lamp
 from robolamp.robot.frame import JointFrame
 from robolamp.robot.preflight import preflight
+from robolamp.robot.roll import check_alone
 from robolamp.signals import Clock, Command, Health, Observation
 
 WATCHDOG = 0.2
@@ -111,8 +113,8 @@ class RobotLamp:
     def open(self) -> None:
         """Open both ports and check that the lamp may be moved; nothing moves.
 
-        Written are the servos' health blocks (RAM) and, only with `fix`, settings that are wrong, and lamp.toml where
-        that makes its zeros and signs wrong.
+        Written are the servos' health blocks and Status Return Level as it is (RAM) and, only with `fix`, settings that
+        are wrong, and lamp.toml where that makes its zeros and signs wrong.
 
         Raises:
             BusError: A port does not exist, a servo or the foot sensor does not answer.
@@ -142,6 +144,8 @@ class RobotLamp:
         """
         passed = preflight(self._lamp, self._bus, self._foot, self._clock, fix=fix, holding=holding)
         self.mended, self.notices = [*self.mended, *passed.mended], list(passed.notices)
+        for joint in self._lamp.joints:
+            check_alone(self._bus, joint.id, MODELS[joint.servo])
         passed.servos.prepare(passed.firmware)
         self._servos = passed.servos
 
@@ -243,25 +247,24 @@ class RobotLamp:
         """Open ports that went away again, once, and run the whole preflight as `open` does; torque is left as it is.
 
         Returns:
-            Whether the lamp is back and fit: everything answers. Until `torque(True)` each servo may be stopped by its
+            True: the lamp is back and fit, everything answers. Until `torque(True)` each servo may be stopped by its
             watchdog.
 
         Raises:
+            BusError: It is not there yet; the message says what is missing.
             SafetyError: It is back, and not fit to be moved: another model, settings, state, angle, or foot.
         """
-        if self._servos is None:
-            return False
+        self._ready()
         self._bus.close()
-        try:
-            self._bus.open()
-            if any(self._bus.ping(joint.id) is None for joint in self._lamp.joints):
-                return False
-            if self._foot is not None and self._foot.gone:
-                self._foot.close()
-                self._foot.open()
-            self._check(holding=True)
-        except BusError:
-            return False
+        self._bus.open()
+        silent = [self._bus.label(joint.id) for joint in self._lamp.joints if self._bus.ping(joint.id) is None]
+        if silent:
+            said = "does not answer" if len(silent) == 1 else "do not answer"
+            raise BusError(f"{', '.join(silent)} {said} to a ping", self._bus.name)
+        if self._foot is not None and self._foot.gone:
+            self._foot.close()
+            self._foot.open()
+        self._check(holding=True)
         self._damage()
         return True
 

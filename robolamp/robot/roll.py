@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from robolamp.dynamixel.bus import Bus, Identity
-from robolamp.dynamixel.registers import BAUD_CODES, MODELS, Model, model_by_number
+from robolamp.dynamixel.registers import BAUD_CODES, MODELS, Model, Name, model_by_number
 from robolamp.errors import BusError, SafetyError
 from robolamp.lamp import Joint, Lamp
 
@@ -99,6 +99,27 @@ def check_servos(lamp: Lamp, bus: Bus) -> tuple[list[Model], list[Identity]]:
     if said:
         raise (BusError if roll.missing else SafetyError)(said, bus.name)
     return [MODELS[joint.servo] for joint in lamp.joints], [roll.present[index] for index in range(len(lamp.joints))]
+
+
+def check_alone(bus: Bus, servo: int, model: Model) -> None:
+    """Refuse a second servo with an id that does not show, as it was told to answer no reads (Status Return Level 0).
+
+    Both are told to answer everything, which the first does already: a servo that is alone stays as it is.
+
+    Args:
+        bus: The open bus.
+        servo: The id, of a servo that answers everything.
+        model: Its model.
+
+    Raises:
+        SafetyError: There is one.
+        BusError: The servo does not answer, or the port is gone.
+    """
+    level = model[Name.STATUS_RETURN_LEVEL]
+    with bus.patient(PATIENCE):
+        bus.write(servo, level, level.initial or 0)
+        if bus.doubled(servo):
+            raise SafetyError(said_of_doubles(bus.label(servo)), bus.name)
 
 
 def said_of_doubles(label: str) -> str:

@@ -21,7 +21,7 @@ from robolamp.files import MOST_TOML, parse_toml, read_text, write_atomic
 from robolamp.foot.sensor import FootSensor
 from robolamp.lamp import Lamp
 from robolamp.robot.frame import wrapped
-from robolamp.robot.roll import BABBLE, NOBODY, PATIENCE, RATES, said_of_doubles
+from robolamp.robot.roll import BABBLE, NOBODY, PATIENCE, RATES, check_alone, said_of_doubles
 from robolamp.signals import Clock
 
 PUSH = 0.1
@@ -118,6 +118,7 @@ def assign(port: str | Port, clock: Clock, found: Found, id: int, baud: int, oth
                     )
         if bus.read(found.id, model[Name.TORQUE_ENABLE]):
             raise SafetyError(f"servo {found.id} has its torque on; `robolamp stop`, or power it off and on", bus.name)
+        check_alone(bus, found.id, model)
         bus.write(found.id, model[Name.RETURN_DELAY_TIME], 0)
         bus.write(found.id, model[Name.ID], id)
         bus.write(id, model[Name.BAUD_RATE], BAUD_CODES[baud])

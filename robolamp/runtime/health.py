@@ -160,7 +160,10 @@ class Guard:
         self._low_since[fine] = math.nan
         if health.goal.size:
             self._astray = np.where(health.goal > 0, 0, self._astray + (health.goal == 0))
-        if old.all():
+        late = bool(old.all() and np.isfinite(observation.angle).any())  # it answered; whoever asked stood still
+        if late:
+            found.append((f"a reading took more than {ANGLE_AGE:g} s: this computer stood still", Verdict.CUT))
+        elif old.all():
             found.append((f"no servo has answered for {ANGLE_AGE:g} s", Verdict.CUT))
         for index, name in enumerate(self._names):
             error = int(health.hardware_error[index])
@@ -168,7 +171,7 @@ class Guard:
                 found.append((f"{name}: hardware error ({HardwareError.words(error)})", Verdict.LAND))
             if health.torque[index] == 0 and self._powered:
                 found.append((f"{name}: torque went off", Verdict.LAND))
-            if old[index]:
+            if old[index] and not late:
                 found.append((f"{name}: no answer for {ANGLE_AGE:g} s", Verdict.LAND))
             if health.temperature[index] > TEMPERATURE:
                 found.append((f"{name}: above {TEMPERATURE:g} degC", Verdict.LAND))

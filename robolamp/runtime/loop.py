@@ -85,10 +85,10 @@ def run(
         stop: Watched for requests to stop.
         powered: False: torque is never turned on and the goals go nowhere (the backend's affair); the rest is the same.
         reconnect: Called every 0.1 s for up to REPLUG_TIME after the servos fell silent altogether (a port unplugged),
-            again where they do before the run goes on; returns False while they are not there yet. Once it returns True
-            the run goes on: goal := present, torque on, softly back to the last goal; its clock stood meanwhile. It
-            raises SafetyError for a lamp that is back and not fit, which ends the run. None: the run ends at once, and
-            the servos' watchdogs hold the lamp.
+            again where they do before the run goes on; returns False, or raises BusError with what is missing, while
+            they are not there yet. Once it returns True the run goes on: goal := present, torque on, softly back to the
+            last goal; its clock stood meanwhile. It raises SafetyError for a lamp that is back and not fit, which ends
+            the run. None: the run ends at once, and the servos' watchdogs hold the lamp.
         limp: How long a run that finished is watched once its torque is off [s]: ticks of phase "limp", whose goals
             were not sent.
         clamped: Whether the base is clamped, so that the foot sensor is not asked whether to go on.
@@ -309,8 +309,8 @@ class _Loop:
         if not back and self._stop.requests:
             raise _Cut(f"{_REQUEST} while waiting for it: {reason}")
         if not back:
-            kept = f" ({self._kept})" if self._kept else ""
-            raise _Cut(f"{reason}; it did not come back in {REPLUG_TIME:g} s{kept}")
+            kept = f": {self._kept}" if self._kept else ""
+            raise _Cut(f"{reason}; the lamp was not back in {REPLUG_TIME:g} s{kept}")
         self._result.replugs += 1
         self._guard.resume()
         self._schedule.begin()
@@ -320,13 +320,14 @@ class _Loop:
         """Try to reach the servos again, and to hold each joint where it is."""
         assert self._reconnect
         self._awake()
+        self._kept = ""
         try:
             if not self._reconnect() or self._stop.requests:
                 return False
             self._goal = first_goal(present_pose(self._backend, self._lamp), self._lamp, self._period)
             self._power()
         except BusError as error:  # gone again, or not ready yet
-            self._kept = error.message
+            self._kept = str(error)
             return False
         return True
 

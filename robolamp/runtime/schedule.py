@@ -41,6 +41,15 @@ def check_period(period: float, lamp: Lamp) -> None:
         )
 
 
+def least_period(lamp: Lamp) -> float:
+    """Return the shortest control period that a lamp's bus has time for [s].
+
+    Args:
+        lamp: Gives the number of servos and the baud rate.
+    """
+    return wire_time("tick", len(lamp.joints), lamp.bus_baud) / WIRE_SHARE
+
+
 class Schedule:
     """Ticks at absolute times, so that lateness does not add up; those that are past already are skipped.
 

@@ -97,6 +97,23 @@ def test_assign_wants_one_servo(capsys: pytest.CaptureFixture[str], line: Respon
     assert 0x03 not in {instruction for _, instruction, _ in line.heard}
 
 
+def test_assign_looks_for_the_joints_own_ids_whatever_the_last_one(
+    capsys: pytest.CaptureFixture[str], own: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A new servo must not be given the id of one that was not asked for."""
+    path = own / "hardware" / "lamp.toml"
+    path.write_text(path.read_text().replace("id = 2", "id = 30"))
+    asked: list[int] = []
+
+    def scan(*_: object, last: int) -> list[object]:
+        asked.append(last)
+        return []
+
+    monkeypatch.setattr("robolamp.robot.setup.scan", scan)
+    assert call(capsys, "setup", "assign", "--joint", "knee", "--last-id", 3, "--lamp", own)[0] == 2
+    assert asked == [30]
+
+
 def test_zeros_and_signs_from_poses(
     capsys: pytest.CaptureFixture[str], line: Responder, own: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -164,6 +181,20 @@ def test_the_foot_is_tared_and_scaled(capsys: pytest.CaptureFixture[str], own: P
     lamp = load_lamp(Assets.of(own))
     assert lamp.foot_tare == pytest.approx(-0.25)
     assert lamp.foot_scale == pytest.approx(0.5 * 9.80665 / 4.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(("baud", "code"), [(57_600, 0), (9600, 2)])
+def test_check_says_where_the_bus_is_too_slow(
+    capsys: pytest.CaptureFixture[str], line: Responder, own: Path, baud: int, code: int
+) -> None:
+    path = own / "hardware" / "lamp.toml"
+    path.write_text(path.read_text().replace("baud = 1_000_000", f"baud = {baud}"))
+    with Foot(2.1) as foot:
+        words = ("setup", "check", "--port", line.name, "--foot-port", foot.name, "--lamp", own)
+        found, out, err = call(capsys, *words)
+    assert found == code, err
+    expected = "deploy refuses controllers with a control_period below 0.048 s" if code == 0 else "a tick takes"
+    assert expected in (out if code == 0 else err)
 
 
 def test_check_names_and_mends(capsys: pytest.CaptureFixture[str], line: Responder) -> None:

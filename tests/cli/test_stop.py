@@ -182,6 +182,22 @@ def test_force_asks_before_it_ends_another_program(
     assert [(row["pid"], row["killed"]) for row in json.loads(out)["ended"]] == [(process.pid, "deaf" in how)]
 
 
+def test_force_ends_nobody_where_the_path_is_no_port(capsys: pytest.CaptureFixture[str]) -> None:
+    with stranger("/dev/full") as process:
+        code, out, _ = call(capsys, "stop", "--force", "--yes", "--port", "/dev/full", "--json")
+        assert (code, process.poll()) == (2, None)
+    assert json.loads(out)["error"].startswith("not a serial port; give one with --port")
+
+
+def test_force_wakes_who_is_suspended(capsys: pytest.CaptureFixture[str], line: Responder) -> None:
+    with monitor(line.name) as process:
+        process.send_signal(signal.SIGSTOP)
+        code, out, _ = call(capsys, "stop", "--force", "--port", line.name, "--json")
+        assert process.wait(timeout=10) == 0
+    assert (code, torques(line)) == (0, [0, 0, 0])
+    assert [row["killed"] for row in json.loads(out)["ended"]] == [False]
+
+
 @pytest.mark.parametrize(("answer", "ends"), [("y", True), ("n", False), ("", False)])
 def test_force_asks_in_a_terminal(line: Responder, answer: str, ends: bool) -> None:
     ours, theirs = pty.openpty()

@@ -5,6 +5,7 @@ import os
 import termios
 import tty
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -180,3 +181,28 @@ def test_a_babbling_line_does_not_hold_the_loop() -> None:
             return b"\x00" * size
 
     assert FootSensor(Babble(), 115_200, Clock()).poll() == []
+
+
+def test_a_port_that_is_not_back_yet_is_still_gone(tmp_path: Path) -> None:
+    link = tmp_path / "foot"
+    ends = os.openpty()
+    link.symlink_to(os.ttyname(ends[1]))
+    sensor = FootSensor(str(link), 115_200, Clock())
+    sensor.open()
+    for end in ends:
+        os.close(end)
+    link.unlink()
+    with pytest.raises(BusError, match="gone"):
+        sensor.poll()
+    sensor.close()
+    with pytest.raises(BusError, match="no such serial port"):
+        sensor.open()
+    assert sensor.gone
+    ends = os.openpty()
+    link.symlink_to(os.ttyname(ends[1]))
+    sensor.open()
+    assert not sensor.gone
+    assert sensor.poll() == []
+    sensor.close()
+    for end in ends:
+        os.close(end)

@@ -73,9 +73,9 @@ def ready(line: Responder, foot: Foot) -> Iterator[RobotLamp]:
     backend.close()
 
 
-def test_open_writes_the_health_blocks_and_nothing_else(line: Responder, ready: RobotLamp) -> None:
+def test_open_writes_the_health_blocks_and_that_all_is_answered(line: Responder, ready: RobotLamp) -> None:
     assert {instruction for _, instruction, _ in line.heard} == {0x01, 0x02, 0x03, 0x82, 0x8A}
-    assert {int.from_bytes(p[:2], "little") for _, instruction, p in line.heard if instruction == 0x03} == {168}
+    assert {int.from_bytes(p[:2], "little") for _, instruction, p in line.heard if instruction == 0x03} == {68, 168}
     assert ready.joints == ("ankle", "knee", "neck")
 
 
@@ -189,7 +189,8 @@ def test_reconnecting_needs_every_servo(line: Responder, ready: RobotLamp) -> No
     assert ready.reconnect()
     assert np.isfinite(ready.observe().angle).all()
     line.servos[2].silent = True
-    assert not ready.reconnect()
+    with pytest.raises(BusError, match=r"knee \(id 2\) does not answer to a ping"):
+        ready.reconnect()
     line.servos[2].silent = False
     assert ready.reconnect()
 

@@ -99,6 +99,16 @@ def test_a_servo_that_confirms_nothing_is_not_renumbered(level: int) -> None:
     assert world.servos[0].id == 5
 
 
+def test_a_second_servo_that_answers_no_reads_is_found_before_anything_is_renumbered() -> None:
+    world = BareServos([servo(), servo(position=2.0)])
+    world.servos[1].put(Name.STATUS_RETURN_LEVEL, 0)
+    ports = Lockstep(world, 1_000_000)
+    (found,) = scan(ports.servo_port, ports.clock, rates=(1_000_000,), last=3)
+    with pytest.raises(SafetyError, match=DOUBLED):
+        assign(ports.servo_port, ports.clock, found, 2, 1_000_000)
+    assert [each.id for each in world.servos] == [1, 1]
+
+
 def rig(*events: Event, lamp: Lamp = LAMP, volts: float = 0.0) -> tuple[EmulatedLamp, Lockstep]:
     reality = dataclasses.replace(Reality.none(lamp), supply=volts)
     faults = Faults("script", events=events)
@@ -112,6 +122,16 @@ def refused(ports: Lockstep, *, fix: bool = False, lamp: Lamp = LAMP) -> Robolam
         robot.open()
     assert "\n" not in str(caught.value)
     return caught.value
+
+
+def test_a_second_servo_that_answers_no_reads_is_found_before_a_run() -> None:
+    world = BareServos([servo(joint.id, position=joint.zero) for joint in LAMP.joints] + [servo(2, position=2.0)])
+    world.servos[3].put(Name.STATUS_RETURN_LEVEL, 0)
+    ports = Lockstep(world, 1_000_000)
+    robot = RobotLamp(LAMP, ports.servo_port, None, ports.clock)
+    with pytest.raises(SafetyError, match=rf"knee \(id 2\): {DOUBLED}"):
+        robot.open()
+    assert not any(each.register(Name.TORQUE_ENABLE) for each in world.servos)
 
 
 @pytest.mark.parametrize("fix", [False, True])
@@ -241,7 +261,8 @@ class Replugged:
         self.robot.torque(True)
         self.ports.clock.sleep_until(1.1)
         self.robot.observe()
-        assert not self.robot.reconnect()
+        with pytest.raises(BusError):
+            self.robot.reconnect()
         self.ports.clock.sleep_until(1.6)
 
 
@@ -270,7 +291,8 @@ def test_a_lamp_that_comes_back_otherwise_is_refused(name: Name, value: int, sai
     lamp = Replugged()
     lamp.world.servos[1].put(name, value)
     if name is Name.ID:
-        assert not lamp.robot.reconnect()  # the knee is not there
+        with pytest.raises(BusError, match=r"knee \(id 2\) does not answer to a ping"):
+            lamp.robot.reconnect()
     else:
         with pytest.raises(SafetyError) as caught:
             lamp.robot.reconnect()

@@ -46,9 +46,15 @@ def change(name: str, value: float) -> Callable[[Observation], None]:
 
 def age(*joints: int) -> Callable[[Observation], None]:
     def apply(o: Observation) -> None:
+        o.angle[list(joints)] = np.nan
         o.angle_age[list(joints)] = ANGLE_AGE * 1.01
 
     return apply
+
+
+def stood_still(o: Observation) -> None:
+    """A reading in the midst of which this computer stood still, such as a process that was suspended."""
+    o.angle_age[:] = ANGLE_AGE * 1.01
 
 
 def foot(age: float) -> Callable[[Observation], None]:
@@ -67,6 +73,7 @@ def foot(age: float) -> Callable[[Observation], None]:
         (change("voltage", 3.4), Verdict.GO, "knee: supply below 3.5 V"),
         (age(1), Verdict.LAND, "knee: no answer for 0.1 s"),
         (age(0, 1, 2), Verdict.CUT, "no servo has answered for 0.1 s"),
+        (stood_still, Verdict.CUT, "a reading took more than 0.1 s: this computer stood still"),
         (foot(FOOT_AGE * 1.01), Verdict.GO, "foot: no force for 0.05 s"),
         (foot(FOOT_AGE_STOP * 1.01), Verdict.LAND, "foot: no force for 0.1 s"),
         (foot(float("inf")), Verdict.LAND, "foot: no force for 0.1 s"),
@@ -77,6 +84,7 @@ def test_each_fault_is_named_and_judged(spoil: Callable[[Observation], None], ve
     assert guard.check(observation(spoil)) == verdict
     assert guard.faults[text] == 1
     assert guard.reason == (text if verdict else "")
+    assert spoil is not stood_still or list(guard.faults) == [text]
 
 
 @pytest.mark.parametrize("name", ["hardware_error", "torque"])

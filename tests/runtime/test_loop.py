@@ -543,7 +543,7 @@ def test_servos_that_are_not_ready_yet_are_asked_again(refusals: int) -> None:
     result = run(lamp, Wave(), LAMP, duration=1.0, reconnect=lamp.reconnect)
     assert (result.ended, result.replugs) == (("finished", 1) if ends else ("cut", 0))
     if not ends:
-        assert result.reason == ("the port is gone; it did not come back in 10 s (knee (id 2) does not answer)")
+        assert result.reason == ("the port is gone; the lamp was not back in 10 s: knee (id 2) does not answer")
 
 
 def test_a_stop_while_waiting_is_the_reason_and_torque_stays_off() -> None:
@@ -623,7 +623,7 @@ def test_goals_that_stay_lost_end_the_run(joints: list[int]) -> None:
 
 
 def test_the_reason_is_of_the_fault_that_ended_it() -> None:
-    """Silence that passed, heat that lands it, silence again that ends it at once."""
+    """A reading too late that passed, heat that lands it, one again that ends it at once."""
     ticks: list[Tick] = []
     lamp = Unplugged(2.5, 3.5)
 
@@ -637,7 +637,7 @@ def test_the_reason_is_of_the_fault_that_ended_it() -> None:
     lamp.spoil = spoil
     result = run(lamp, Wave(), LAMP, duration=1.0, on_tick=ticks.append, reconnect=lamp.reconnect)
     assert (result.ended, result.replugs > 1) == ("cut", True)
-    assert result.reason == f"no servo has answered for {ANGLE_AGE:g} s"
+    assert result.reason == f"a reading took more than {ANGLE_AGE:g} s: this computer stood still"
     assert result.faults["knee: above 65 degC"] == 5
 
 
@@ -650,5 +650,5 @@ def test_servos_that_fall_silent_again_and_again_end_the_run() -> None:
 
     lamp = FakeLamp(spoil)
     result = run(lamp, Wave(), LAMP, on_tick=ticks.append, reconnect=lambda: True)
-    said = f"no servo has answered for {ANGLE_AGE:g} s; silent again and again for 60 s"
+    said = f"a reading took more than {ANGLE_AGE:g} s: this computer stood still; silent again and again for 60 s"
     assert (result.ended, result.reason, lamp.torques[-1]) == ("cut", said, False)

@@ -54,6 +54,27 @@ def test_the_log_tells_for_how_long_the_run_stood(tmp_path: Path, gone: list[tup
     assert DURATION / 0.02 - 6 <= len(driven) <= DURATION / 0.02
 
 
+def test_a_foot_that_comes_back_later_than_the_servos_is_taken_up(tmp_path: Path) -> None:
+    events = [Event("unplugged", at=2.6, lasts=0.5), Event("unplugged", at=2.7, lasts=2.0, port="foot")]
+    result = driven_with(tmp_path / "log.mcap", *events)
+    assert (result.ended, result.replugs) == ("finished", 1), result.reason
+
+
+@pytest.mark.parametrize(
+    ("event", "said"),
+    [
+        (Event("silent", at=2.7, lasts=60.0, servo=2), "knee (id 2) does not answer to a ping"),
+        (Event("id_lost", at=2.7, servo=2, id=77), "knee (id 2) does not answer to a ping"),
+        (Event("unplugged", at=2.7, lasts=60.0, port="foot"), "foot"),
+    ],
+)
+def test_what_is_not_back_is_named(tmp_path: Path, event: Event, said: str) -> None:
+    result = driven_with(tmp_path / "log.mcap", Event("unplugged", at=2.6, lasts=0.5), event)
+    before, _, why = result.reason.partition("; the lamp was not back in 10 s: ")
+    assert "gone" in before
+    assert said in why.lower()
+
+
 @pytest.mark.parametrize("count", [GOALS_LOST - 1, GOALS_LOST + 3])
 def test_goals_that_stay_lost_stop_the_run(tmp_path: Path, count: int) -> None:
     """Readings and goals take turns on the line: of two runs one loses nothing else."""
