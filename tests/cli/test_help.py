@@ -1,4 +1,4 @@
-"""What `--help` looks like: it fits the terminal, and lines break where the terminal ends, not where the source does."""
+"""What `--help` looks like: it fits the terminal, and breaks lines where the terminal does, not the source."""
 
 from __future__ import annotations
 
