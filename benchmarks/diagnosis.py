@@ -119,7 +119,7 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=20)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--kinds", nargs="*", default=list(KINDS))
+    parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=list(KINDS), metavar="KIND")
     parser.add_argument("--each", action="store_true", help="print every draw")
     options = parser.parse_args()
     jobs = [(kind, number, options.seed) for number in range(options.draws) for kind in options.kinds]

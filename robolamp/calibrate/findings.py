@@ -52,15 +52,15 @@ class Verdict:
 
 def verdict(fit: LampFit) -> Verdict:
     """Judge a fit by what it was not fitted to, and by the hops."""
-    unseen = [error for name, error in fit.mae.items() if name not in fit.trained]
-    before, after = np.mean(unseen, axis=0) if unseen else (math.nan, math.nan)
+    unseen = {name: error for name, error in fit.mae.items() if name not in fit.trained}
+    before, after = np.mean(list(unseen.values()), axis=0) if unseen else (math.nan, math.nan)
     way = time = math.nan
     said = []
     good = True
     if unseen:
         good = after <= HELD_OUT_AGREES
         said.append(
-            f"joints within {after * 1e3:.1f} mrad on recordings not fitted to (before: {before * 1e3:.1f}, "
+            f"joints within {after * 1e3:.1f} mrad on {', '.join(unseen)}, not fitted to (before: {before * 1e3:.1f}, "
             f"allowed: {HELD_OUT_AGREES * 1e3:.0f})"
         )
     if fit.floor and fit.floor.travel:

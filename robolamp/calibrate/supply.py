@@ -23,8 +23,9 @@ def measure_supply(recordings: Sequence[LampRecording], base: Calibration) -> di
 
     The servos read the voltage that they get, and the currents that they draw. A line through the one against the sum
     of the others has the voltage without load where it begins, and the resistance as its slope (least squares; errors
-    count residuals that are alike over time as few). Where the slope is not told, or servos read no current, the supply
-    is as stiff as the base has it, and its voltage the median that goes with that.
+    count residuals that are alike over time as few). Where the slope is not told, or is less than what the rounding of
+    the readings hides, or servos read no current, the supply is as stiff as the base has it, and its voltage the median
+    that goes with that.
 
     Args:
         recordings: Of one lamp.
@@ -45,7 +46,8 @@ def measure_supply(recordings: Sequence[LampRecording], base: Calibration) -> di
     variance = float(np.mean(residual**2)) * correlation_time(residual)
     error = math.sqrt(variance / power)
     legal = LAMP["supply_resistance"]
-    if not _TOLD * error < -slope < legal.high:
+    hidden = -slope * float(np.ptp(drawn)) < quantum  # of readings that are all alike the sums' rounding is left
+    if hidden or not _TOLD * error < -slope < legal.high:
         return {"supply_voltage": middle}
     full = float(volts.mean() - slope * drawn.mean())
     return {"supply_voltage": (full, quantum), "supply_resistance": (-slope, error)}

@@ -48,10 +48,9 @@ def deploy(
         duration: How long the controller drives, in seconds.
         calibration: The twin's numbers: a file, or a name in calibration/.
         lamp: A folder of your own lamp, laid out like robolamp's.
-        stage: How far it may go; by default full, without asking for the others. For a first run, in turn:
-            shadow: torque stays off; what would be commanded?
-            gentle: half the supply, a quarter of the speed.
-            full: everything.
+        stage: How far it may go; by default full, without asking for the others. For a first run, in turn: shadow
+            (torque stays off; what would be commanded?), gentle (half the supply, a quarter of the speed), full
+            (everything).
         after: The log of the stage before, which gentle and full want.
         force: Run the stage without that log.
         fix: Mend settings of the servos that are wrong and that software may mend.

@@ -190,7 +190,7 @@ class _Lamps:
         from robolamp.cli.lockstep import LockstepLamp
 
         self.plan.host.lockstep = True
-        self.console.print(f"Emulated lamp (reality: {self.name}) in lockstep; {self._goes}", markup=False)
+        self.console.print(f"Emulated lamp {self._bent} in lockstep; {self._goes}", markup=False)
         with LockstepLamp(self.plan.setup, self.reality, self.faults, self.truth, self.injections) as lamp:
             result = drive(self.plan, lamp.servo_port, lamp.foot_port, stop, self.console.quiet, lamp.virtual)
         self.failed = lamp.failed
@@ -213,7 +213,7 @@ class _Lamps:
         emulator = EmulatorProcess(options, stop, self._waiting)
         with emulator:
             where = f"on {emulator.servo_port} and {emulator.foot_port}"
-            self.console.print(f"Emulated lamp (reality: {self.name}) {where}; {self._goes}", markup=False)
+            self.console.print(f"Emulated lamp {self._bent} {where}; {self._goes}", markup=False)
             try:
                 result = drive(plan, emulator.servo_port, emulator.foot_port, stop, self.console.quiet)
             except RobolampError as error:
@@ -240,7 +240,12 @@ class _Lamps:
 
     @property
     def _goes(self) -> str:
-        return f"{self.plan.controller.name} goes {self.plan.goal:.2f} m."
+        return f"{self.plan.controller.name} is sent {self.plan.goal * 100:.1f} cm."
+
+    @property
+    def _bent(self) -> str:
+        differs = self.name != "none"
+        return f"(reality: {self.name}{', so not quite its twin; --reality none: as its twin' * differs})"
 
     def _waiting(self) -> None:
         self.console.print("Starting the emulated lamp; the first start compiles its physics.")

@@ -16,6 +16,7 @@ from robolamp.cli.evolving import Board
 from robolamp.cli.options import Setup
 from robolamp.cli.output import print_json
 from robolamp.controller.file import check_terminals, read_figure
+from robolamp.controller.terminals import TWIN_ONLY
 from robolamp.errors import FileError, RobolampError
 from robolamp.evolve.checkpoint import NAME as CHECKPOINT
 from robolamp.evolve.figures import driven_by
@@ -25,6 +26,7 @@ from robolamp.evolve.run import MakeEvaluator, open_run
 from robolamp.evolve.run import evolve as run_evolution
 from robolamp.evolve.task import load_task
 from robolamp.figure import LAMP, Figure
+from robolamp.files import read_toml
 from robolamp.twin.figure import FigureTwin
 from robolamp.twin.model import TwinModel
 
@@ -206,10 +208,14 @@ def _tell(result: Result, as_json: bool) -> None:
             }
         )
         return
-    made = result.controller
-    verbs = [f"explain {made}", f"dry-run {made} --goal 0.30"]
-    if read_figure(made) != LAMP:
-        verbs = [f"render {made} -o {made.with_suffix('.gif')}"]
+    made, film = (shlex.quote(str(path)) for path in (result.controller, result.controller.with_suffix(".gif")))
+    explain, dry_run, render = f"explain {made}", f"dry-run {made} --goal 0.30", f"render {made} -o {film}"
+    if read_figure(result.controller) != LAMP:
+        verbs = [render]
+    elif set(read_toml(result.controller)["terminals"]) & set(TWIN_ONLY):
+        verbs = [explain, render]  # dry-run refuses what nothing on the lamp measures
+    else:
+        verbs = [explain, dry_run]
     following = "".join(f"\n      robolamp {verb}" for verb in verbs)
     Console().print(
         f"Best fitness {result.best_fitness:.3f} (lower is better) after {last.individuals} individuals in"

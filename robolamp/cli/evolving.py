@@ -28,7 +28,8 @@ _COLUMNS = {  # and their widths: with a space between them they fit into 80 cha
 }
 _KEY = """\
 Fitness: lower is better, 0 is perfect. best: of the generation; champion: of
-the run so far, at full style. saved: trials that needed no simulation."""
+the run so far, at full style. physics: share of the time that it takes; saved:
+trials that needed no simulation."""
 _HUGE = 1e4  # fitness from which on the places behind the point say nothing
 
 

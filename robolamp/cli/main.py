@@ -10,6 +10,7 @@ import sys
 from cyclopts import App, CycloptsError, UnknownOptionError
 
 from robolamp import __version__
+from robolamp.cli.help import Wrapped
 from robolamp.cli.streams import let_go_of_output
 from robolamp.errors import RobolampError
 
@@ -18,6 +19,7 @@ app = App(
     version=__version__,
     help="A desk lamp that hops: evolve a controller on its MuJoCo twin, run it over serial, compare the two.",
     help_format="plaintext",
+    help_formatter=Wrapped(),
     result_action="return_value",
     suppress_keyboard_interrupt=False,  # which signal it was is known here
 )
@@ -76,7 +78,6 @@ for _order, (_verb, _help) in enumerate(_VERBS.items()):
     _function = {"log": "app", "calibrate": "app", "setup": "app"}.get(
         _verb, _verb.replace("-", "_")
     )  # these have verbs of their own
-    _help = re.sub(r"(?<!\n)\n(?!\n)", " ", _help)  # paragraphs are wrapped to the terminal, not here
     app.command(f"robolamp.cli.{_verb.replace('-', '_')}:{_function}", name=_verb, help=_help, sort_key=_order)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from robolamp.cli.output import counted
 from robolamp.compare.comparison import Comparison
 from robolamp.compare.report import sentence, three
 
@@ -13,9 +14,13 @@ def told(comparison: Comparison) -> tuple[str, str]:
         comparison: Of the run.
     """
     (_, word, why), (_, verdict, reasons), (_, alone, did) = three(comparison)
-    lines = (
+    lines = [
         f" {why}",
         f"Twin, replaying the goals that the lamp was sent: {verdict.lower()}. {reasons} {sentence(comparison)}",
         f"Controller alone on the twin: {alone.lower()}. {did}",
-    )
+    ]
+    if comparison.diagnosis:
+        first, others = comparison.diagnosis[0], len(comparison.diagnosis) - 1
+        more = f"; {counted(others, 'more cause')} in the report" if others else ""
+        lines.append(f"What is different, likeliest: {first.cause} ({first.explains}){more}.")
     return f"{word}.", "\n".join(lines)

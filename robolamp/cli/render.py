@@ -21,7 +21,7 @@ from robolamp.twin.arena import FigureFleet
 from robolamp.twin.figure import FigureTwin
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.model import Pole, TwinModel, build
-from robolamp.twin.moments import caption, moments
+from robolamp.twin.moments import caption, centimetres, moments
 from robolamp.twin.playback import play, play_figure
 from robolamp.twin.render import animation, beside, png, strips
 from robolamp.twin.video import encoders, gif, mp4
@@ -91,7 +91,7 @@ def render(
     elif suffix_of(Path(run)) == ".mcap":
         if limbo is not None:
             raise RobolampError("is for a controller; no log has a pole", "--pole")
-        model, time, motions = _logged(run, truth, setup, with_twin=twin)
+        model, time, motions, point = _logged(run, truth, setup, with_twin=twin)
     else:
         if twin or truth is not None:
             raise RobolampError("is for a log; a controller is drawn on the twin", "--twin" if twin else "--truth")
@@ -99,6 +99,7 @@ def render(
         check_goal_time(controller, goal_time)
         job = Job(0, 0, length(goal or _GOAL, "--goal"), goal_time or 0.0)
         model, time, motions = _driven(controller, setup, limbo, job, duration or _DURATION)
+        point = (job.goal, 0.0)
     shown = _moving(time, np.hstack(list(motions.values())))
     time, motions = time[shown] - time[shown][0], {name: poses[shown] for name, poses in motions.items()}
     travel = _travel(next(iter(motions.values())), stage is not None)
@@ -106,16 +107,20 @@ def render(
         first = next(iter(motions.values()))
         chosen = moments(model, time, lambda index: first[index], _POSES)
         picked = [moment.at for moment in chosen]
+        drawn, notes = {name: poses[picked] for name, poses in motions.items()}, None
         labels = [caption(time[at], name, travel[at]) for at, name in chosen]
-        drawn = {name: poses[picked] for name, poses in motions.items()}
-        data = png(strips(model, drawn, labels, opengl=opengl, point=point))
+        if twin:  # the two are not at one place
+            labels = [caption(time[at], name) for at, name in chosen]
+            ways = {name: _travel(poses, False) for name, poses in motions.items()}
+            notes = {name: [centimetres(way[at]) for at in picked] for name, way in ways.items()}
+        data = png(strips(model, drawn, labels, opengl=opengl, point=point, notes=notes))
     else:
         frames = np.searchsorted(time, np.arange(0.0, time[-1], _FRAME))
         drawn = {name: poses[frames] for name, poses in motions.items()}
         if len(drawn) == 1:
             pictures = animation(model, next(iter(drawn.values())), opengl=opengl, point=point)
         else:
-            pictures = beside(model, drawn, opengl=opengl)
+            pictures = beside(model, drawn, opengl=opengl, point=point)
         data = _ANIMATIONS[suffix_of(output)](pictures, _FRAME)
     write_atomic(output, data)
     if as_json:
@@ -163,7 +168,8 @@ def _travel(qpos: Array, plane: bool) -> Array:
 
 def _logged(
     path: str, truth: Path | None, setup: Setup, *, with_twin: bool
-) -> tuple[TwinModel, Array, dict[str, Array]]:
+) -> tuple[TwinModel, Array, dict[str, Array], tuple[float, float] | None]:
+    """Return a log's run as positions, and where on the floor it was sent, where the log says that."""
     from robolamp.compare.motion import lamp_motion, truth_of, twin_motion
     from robolamp.compare.replay import replay
     from robolamp.log.reader import prefix_in, run_of
@@ -176,7 +182,8 @@ def _logged(
     driven = log.phase == "run" if (log.phase == "run").any() else np.ones(log.index.size, bool)
     time = twin.time[(twin.time >= log.scheduled[driven][0]) & (twin.time <= log.scheduled[driven][-1])]
     poses = lamp_motion(log, twin, time, known)
-    return twin.twin, time, {"lamp": poses, "twin": twin_motion(twin, time)} if with_twin else {"": poses}
+    motions = {"lamp": poses, "twin": twin_motion(twin, time)} if with_twin else {"": poses}
+    return twin.twin, time, motions, None if np.isnan(log.goal_m) else (float(poses[0, 0]) + log.goal_m, 0.0)
 
 
 def _moving(time: Array, qpos: Array) -> NDArray[np.bool_]:

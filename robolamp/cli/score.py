@@ -160,7 +160,8 @@ def _print(name: str, distances: np.ndarray, outcome: Outcome, lamps: int, drawn
     hops = outcome.hops.reshape(lamps, -1)
     fallen, hit = outcome.fallen.reshape(lamps, -1), outcome.hit.reshape(lamps, -1)
     touched = outcome.pole.reshape(lamps, -1)
-    for index in np.unique(np.linspace(0, len(distances) - 1, _ROWS).round().astype(int)):
+    shown = np.unique(np.linspace(0, len(distances) - 1, _ROWS).round().astype(int))
+    for index in shown:
         own = error[:, index]
         table.add_row(
             f"{distances[index] * 100:.1f} cm",
@@ -174,6 +175,8 @@ def _print(name: str, distances: np.ndarray, outcome: Outcome, lamps: int, drawn
         )
     console = Console(highlight=False)
     console.print(table)
+    some = f"{len(shown)} of {len(distances)} goals are shown; " if len(shown) < len(distances) else ""
+    console.print(f"{some}an error below 0 is short of the goal.".capitalize(), style="dim")
     hits, falls = counted(outcome.hit.sum(), "hit"), counted(outcome.fallen.sum(), "fall")
     poles = "" if pole is None else f", {counted(outcome.pole.sum(), 'pole hit')}"
     console.print(

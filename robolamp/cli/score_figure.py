@@ -75,7 +75,7 @@ def _print(stage: Stage, outcome: FigureOutcome, fitness: np.ndarray) -> None:
         index = order[row]
         table.add_row(
             f"{outcome.goal[index] * 100:.1f} cm",
-            f"{math.degrees(outcome.direction[index]):.0f}°",
+            f"{round(math.degrees(outcome.direction[index])):d}°",
             f"{outcome.error[index] * 100:.1f} cm",
             f"{outcome.hops[index]:.0f}",
             *("yes" if flag[index] else "no" for flag in (outcome.fallen, outcome.upright, outcome.hit)),

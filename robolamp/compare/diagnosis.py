@@ -151,7 +151,8 @@ def noises(found: Sequence[Explanation]) -> Iterator[Finding]:
         one = len(group) == 1
         if joints[0]:
             which = f"the {joints[0]}'s encoder is" if one else f"the encoders of {_list(joints)} are"
-            sizes = ", ".join(dict.fromkeys(f"{each.size * 1e3:.1f} mrad" for each in group))
+            told = sorted({f"{each.size * 1e3:.1f}" for each in group}, key=float)
+            sizes = " to ".join(dict.fromkeys((told[0], told[-1]))) + " mrad"
         else:
             which, sizes = "the foot sensor is", f"{group[0].size:.3f} N"
         yield Finding(

@@ -143,7 +143,8 @@ def sentence(comparison: Comparison) -> str:
     if math.isfinite(comparison.lamp_travel) and math.isfinite(comparison.twin_travel):
         who = "twin, replaying its goals," if comparison.reference is None else comparison.other.name
         said += (
-            f" The {comparison.lamp.name} came {_cm(comparison.lamp_travel)}, the {who} {_cm(comparison.twin_travel)}."
+            f" The {comparison.lamp.name} came {_cm(comparison.lamp_travel)}, the {who} {_cm(comparison.twin_travel)}"
+            f" (allowed: {_cm(comparison.tolerances.travel)} apart)."
         )
     return said
 

@@ -66,15 +66,21 @@ def moments(twin: TwinModel | FigureTwin, time: Array, pose: Callable[[int], Arr
     return _filled(found, time, min(count, time.size))
 
 
-def caption(time: float, name: str, travel: float) -> str:
+def centimetres(way: float) -> str:
+    """Return a way [m] for a caption."""
+    return f"{round(way * 100, 1) + 0.0:.1f} cm"
+
+
+def caption(time: float, name: str, travel: float | None = None) -> str:
     """Return what stands under a picture.
 
     Args:
         time: When [s].
         name: What moment it is; empty: none of note.
-        travel: How far the base has come [m].
+        travel: How far the base has come [m]; None: that is told elsewhere.
     """
-    return "   ".join(part for part in (f"{time:.2f} s", name, f"{round(travel * 100, 1) + 0.0:.1f} cm") if part)
+    way = "" if travel is None else centimetres(travel)
+    return "   ".join(part for part in (f"{time:.2f} s", name, way) if part)
 
 
 def _flights(time: Array, height: Array) -> list[tuple[int, int, int]]:

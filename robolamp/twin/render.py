@@ -121,11 +121,13 @@ class Camera:
         return np.flipud(picture)
 
     def _mark(self, x: float, y: float) -> None:
-        """Add a flat disc to the scene."""
+        """Add a flat disc to the scene; for a lamp, whose foot would hide that, a line across its way."""
         geom = self._scene.geoms[self._scene.ngeom]
-        size, place = np.array([0.05, 0.05, 0.0015]), np.array([x, y, 0.0015])
+        kind, size = mujoco.mjtGeom.mjGEOM_CYLINDER, np.array([0.05, 0.05, 0.0015])
+        if not self._plane:
+            kind, size = mujoco.mjtGeom.mjGEOM_BOX, np.array([0.003, 0.15, 0.0015])
         colour = np.array([*(part / 255 for part in _GOAL), 1.0], np.float32)
-        mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_CYLINDER, size, place, np.eye(3).ravel(), colour)
+        mujoco.mjv_initGeom(geom, kind, size, np.array([x, y, 0.0015]), np.eye(3).ravel(), colour)
         self._scene.ngeom += 1
 
     def close(self) -> None:
@@ -140,7 +142,9 @@ class Camera:
         self.close()
 
 
-def side_view(twin: TwinModel, qpos: NDArray[np.float64], width: int, height: int) -> Picture:
+def side_view(
+    twin: TwinModel, qpos: NDArray[np.float64], width: int, height: int, point: tuple[float, float] | None = None
+) -> Picture:
     """Return a drawing of one pose from the side, without OpenGL.
 
     Args:
@@ -148,6 +152,7 @@ def side_view(twin: TwinModel, qpos: NDArray[np.float64], width: int, height: in
         qpos: Shape (nq,).
         width: Of the picture [px].
         height: Of the picture [px].
+        point: A point of the floor to mark, x and y [m].
     """
     model, data = twin.model, mujoco.MjData(twin.model)
     data.qpos[:] = qpos
@@ -166,6 +171,9 @@ def side_view(twin: TwinModel, qpos: NDArray[np.float64], width: int, height: in
         at = (np.floor(qpos[0] / 0.05) + mark) * 0.05
         x, y = pixel(np.array([at, 0.0, 0.0]))
         draw.line((x, y, x, y + 0.012 * scale), fill=(150, 138, 122), width=_SUPERSAMPLE)
+    if point is not None:
+        x, y = pixel(np.array([*point, 0.0]))
+        draw.line((x, y, x, y + 0.03 * scale), fill=_GOAL, width=2 * _SUPERSAMPLE)
     joints = [data.xanchor[model.joint(name).id] for name in twin.lamp.names]
     if twin.pole_sensor is not None:
         bar = data.geom("pole")
@@ -191,8 +199,8 @@ def side_view(twin: TwinModel, qpos: NDArray[np.float64], width: int, height: in
     )
     draw.line([pixel(joints[-1]), pixel(center - along)], fill=_INK, width=round(0.010 * scale))
     draw.polygon([pixel(point) for point in shade], fill=(233, 220, 190), outline=_INK)
-    for point in joints:
-        x, y = pixel(point)
+    for joint in joints:
+        x, y = pixel(joint)
         radius = 0.009 * scale
         draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=(120, 124, 130))
     return np.asarray(picture.resize((width, height), Image.Resampling.LANCZOS))
@@ -269,7 +277,7 @@ def _pictures(
             pass  # the side view needs no OpenGL
     if isinstance(twin, FigureTwin):
         return [outline(twin, pose, width, height, point) for pose in qpos]
-    return [side_view(twin, pose, width, height) for pose in qpos]
+    return [side_view(twin, pose, width, height, point) for pose in qpos]
 
 
 def animation(
@@ -327,6 +335,7 @@ def strips(
     height: int = 260,
     opengl: bool = True,
     point: tuple[float, float] | None = None,
+    notes: Mapping[str, Sequence[str]] | None = None,
 ) -> Picture:
     """Return several motions as strips one above the other, for comparison: a column a moment.
 
@@ -338,6 +347,7 @@ def strips(
         height: Of each picture [px].
         opengl: False: draw side views even where OpenGL is to be had.
         point: A point of the floor to mark, x and y [m].
+        notes: By name, what is written into each picture of a motion: what holds of it alone.
     """
     gap, foot = 4, 24
     size = (len(labels) * (width + gap) - gap, len(motions) * (height + gap) - gap + foot)
@@ -350,6 +360,9 @@ def strips(
         for column in range(len(poses)):
             sheet.paste(Image.fromarray(next(pictures)), (column * (width + gap), top))
         draw.text((10, top + 8), name, fill=_INK, font=font)
+        for column, said in enumerate((notes or {}).get(name, ())):
+            place = (column * (width + gap) + width - 8, top + height - 8)
+            draw.text(place, said, fill=_INK, font=font, anchor="rs")
     for column, label in enumerate(labels):
         draw.text((column * (width + gap) + width / 2, size[1] - foot / 2), label, fill=_INK, font=font, anchor="mm")
     return np.asarray(sheet)
@@ -362,6 +375,7 @@ def beside(
     width: int = 360,
     height: int = 360,
     opengl: bool = True,
+    point: tuple[float, float] | None = None,
 ) -> list[Picture]:
     """Return the frames of an animation with several motions side by side, each with its name.
 
@@ -371,9 +385,10 @@ def beside(
         width: Of one motion's picture [px].
         height: Of the picture [px].
         opengl: False: draw side views even where OpenGL is to be had.
+        point: A point of the floor to mark, x and y [m].
     """
     poses = np.stack(list(motions.values()), axis=1)
-    pictures = _pictures(twin, poses.reshape(-1, poses.shape[2]), width, height, opengl, None)
+    pictures = _pictures(twin, poses.reshape(-1, poses.shape[2]), width, height, opengl, point)
     font = ImageFont.load_default(_FONT)
     frames = []
     for first in range(0, len(pictures), len(motions)):

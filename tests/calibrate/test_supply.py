@@ -40,6 +40,12 @@ def test_a_stiff_supply_has_no_resistance(tmp_path: Path) -> None:
     assert found["supply_voltage"][0] == pytest.approx(5.0, abs=0.05)
 
 
+def test_readings_that_are_all_alike_tell_no_resistance(sagging: tuple[LampRecording, ...]) -> None:
+    for volts in np.arange(4.5, 5.5, 0.1):
+        flat = [replace(one, run=replace(one.run, voltage=np.full_like(one.run.voltage, volts))) for one in sagging]
+        assert list(measure_supply(flat, NOMINAL)) == ["supply_voltage"]
+
+
 def test_servos_that_read_no_current_or_no_voltage(sagging: tuple[LampRecording, ...]) -> None:
     one = sagging[0]
     blank = np.full_like(one.run.current, np.nan)

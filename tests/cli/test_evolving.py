@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from rich.console import Console
 
 from robolamp.cli.evolving import Board
+from robolamp.cli.main import main
 from robolamp.evolve.progress import Generation
 
 WIDTH = 80
@@ -49,3 +51,23 @@ def test_a_run_fits_into_80_columns(tmp_path: Path) -> None:
     for stream in (done.stdout, done.stderr):
         assert max(map(len, stream.splitlines())) <= WIDTH
         assert "lower is better" in stream
+
+
+@pytest.mark.parametrize(("signals", "verb"), [("on-board", "dry-run"), ('["px", "a0"]', "render")])
+def test_what_it_proposes_next_is_not_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, signals: str, verb: str
+) -> None:
+    out = tmp_path / "a run"
+    seed = tmp_path / "seed.toml"
+    read = "px" if verb == "render" else "a0"
+    seed.write_text(f'schema = 1\nname = "s"\n[joints]\nankle = "(* 0.1 {read})"\nknee = "0"\nneck = "0"\n')
+    words = ["hop", "-o", str(out), "--population", "1", "--generations", "1", "--seed-from", str(seed)]
+    words += ["--set", "duration=0.3", "--set", "cases.count=1", "--set", "cases.lamps=1"]
+    words += ["--set", f"signals={signals}"]
+    with pytest.raises(SystemExit) as ended:
+        main(["evolve", *words])
+    assert not ended.value.code
+    proposed = [line.removeprefix("Next:").strip() for line in capsys.readouterr().out.splitlines()[-3:]]
+    assert [shlex.split(line)[:3] for line in proposed] == [
+        ["robolamp", each, str(out / "controller.toml")] for each in ("score", "explain", verb)
+    ]

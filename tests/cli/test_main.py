@@ -114,6 +114,7 @@ def test_one_lamp_drawn_is_not_the_calibrated_one(capsys: pytest.CaptureFixture[
 def test_scores_for_people(capsys: pytest.CaptureFixture[str], nod: Path) -> None:
     code, out, err = call(capsys, "score", nod, "--goals", "0.1:0.4:20", "--duration", "1")
     assert (code, err) == (0, "")
+    assert "\n12 of 20 goals are shown; an error below 0 is short of the goal.\n" in out
     assert "nod on the twin" in out
     assert "20 runs: 0 hits" in out
 

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from .readme import FOLDERS, ROOT, files, text
+from .readme import FOLDERS, ROOT, files, table, text
 
 READMES = sorted(str(path.relative_to(ROOT)) for folder in FOLDERS for path in (ROOT / folder).rglob("README.md"))
 PAGES = [*READMES, "CONTRIBUTING.md"]
@@ -20,6 +20,12 @@ def test_file_is_named_in_a_readme(path: Path) -> None:
     assert above, f"no README above {path}"
     names = {str(path.relative_to(folder)): text(f"{folder}/README.md") for folder in above[:2]}
     assert any(re.search(rf"(?<![\w./]){re.escape(name)}(?![\w/])", page) for name, page in names.items())
+
+
+def test_every_script_has_a_row_in_its_readme() -> None:
+    for folder in ("benchmarks", "examples"):
+        scripts = {path.name for path in (ROOT / folder).glob("*.py") if not path.name.startswith("_")}
+        assert {row[0] for row in table(f"{folder}/README.md", "script")} == scripts
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -90,6 +90,10 @@ def test_a_click_on_a_trace_goes_there_and_the_legend_says_what_was_logged(folde
         now = float(page.locator("#clock").inner_text().split()[0])
         assert 0.5 < now / (run.write_done[-1] - run.began[0]) < 0.7  # an axis is left of the traces
         legend = dict(text.split()[:2] for text in knee.locator("span").all_inner_texts())
+        told = page.locator(".chart span").all_inner_texts()
+        assert not [text for text in told if " -0.0" in text and not float(text.split()[1])]  # no "-0.000"
+        places = {text.split()[2]: len(text.split()[1].partition(".")[2]) for text in told}
+        assert {unit: places.get(unit) for unit in ("rad", "N", "cm")} == {"rad": 3, "N": 2, "cm": 1}
         row = np.searchsorted(run.write_done - run.began[0], now, side="right") - 1
         assert any(abs(float(legend["goal"]) - value) < 6e-4 for value in run.goal[row - 1 : row + 2, 1])
         page.keyboard.press("Space")

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from robolamp.twin.render import animation, qpos_of, side_view, strip
+from robolamp.twin.render import animation, qpos_of, side_view, strip, strips
 
 from .parts import TWIN
 
@@ -68,6 +68,30 @@ def test_the_side_view_moves_with_the_lamp() -> None:
     bent = POSES[0].copy()
     bent[TWIN.qpos] = [0.4, -0.6, 0.3]
     assert (here != side_view(TWIN, bent, 120, 140)).mean() > 0.03
+
+
+@pytest.mark.parametrize("opengl", [True, False])
+def test_the_goal_is_marked_on_the_floor_where_it_is(opengl: bool) -> None:
+    plain, near, far = (
+        animation(TWIN, POSES[:1], opengl=opengl, point=point)[0].astype(int)
+        for point in (None, (0.1, 0.0), (5.0, 0.0))
+    )
+    changed = np.abs(near - plain).sum(axis=2) > 30
+    assert 0.0005 < changed.mean() < 0.02
+    rows, columns = np.nonzero(changed)
+    assert rows.min() > 200  # on the floor
+    assert columns.min() > 180  # ahead of the lamp
+    assert (far == plain).all()
+
+
+def test_what_holds_of_one_motion_alone_stands_in_its_pictures() -> None:
+    motions = {"lamp": POSES, "twin": POSES}
+    plain = strips(TWIN, motions, ["a", "b"], width=120, height=140, opengl=False)
+    told = strips(TWIN, motions, ["a", "b"], width=120, height=140, opengl=False, notes={"twin": ["1 cm", "2 cm"]})
+    changed = (plain != told).any(axis=2)
+    assert not changed[:144].any()
+    assert changed[144:284, :120].any()
+    assert changed[144:284, 124:].any()
 
 
 def test_positions_of_a_lamp_from_what_is_known_of_it() -> None:

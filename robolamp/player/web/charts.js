@@ -119,7 +119,7 @@ class Charts {
       pen.setLineDash(name === "goal" ? [4, 3] : []);
       this.trace(pen, time, values, x, y, plot, name === "goal");
       const value = values[Math.min(Math.max(lowerBound(time, this.now + 1e-6) - 1, 0), values.length - 1)];
-      label.textContent = `${name} ${Number.isFinite(value) ? value.toFixed(3) : "-"} ${unit}`;
+      label.textContent = `${name} ${Number.isFinite(value) ? rounded(value, unit) : "-"} ${unit}`;
     }
     pen.setLineDash([]);
     pen.strokeStyle = color("accent");
@@ -165,5 +165,8 @@ const ticks = (low, high, count) => {
   for (let v = Math.ceil(low / step) * step; v <= high + step * 1e-9; v += step) out.push(v);
   return out;
 };
+
+const PLACES = { rad: 3, N: 2, cm: 1 };  // that the sensors tell, and no more
+const rounded = (value, unit) => value.toFixed(PLACES[unit] ?? 3).replace(/^-(?=[0.]+$)/, "");
 
 const short = (value) => String(+value.toFixed(4));
