@@ -163,7 +163,7 @@ def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path: Path) -> None:
         ("name = 1".encode("utf-16"), "is UTF-16 text; expected UTF-8"),
         ("name = 1".encode("utf-16-be"), "not text: a zero byte"),
         (b"\xfe\xff" + "name = 1".encode("utf-16-be"), "is UTF-16 text"),
-        ("name = 1".encode("utf-32"), "is UTF-16 text"),  # whose mark begins with that of UTF-16
+        ("name = 1".encode("utf-32"), "is UTF-32 text"),  # whose mark begins with that of UTF-16
         (b"\xff", "not UTF-8 text (byte 0)"),
     ],
 )
