@@ -65,7 +65,12 @@ def partial(path: Path, name: str = "") -> Iterator[Path]:
     except OSError as error:
         raise _unwritten(path, error) from None
     try:
-        yield temporary
+        try:
+            yield temporary
+        except FileError as error:
+            if error.where == str(temporary):  # a name that nobody gave, of a file that is about to go
+                error.where = str(path)
+            raise
         try:
             temporary.replace(path)
         except OSError as error:

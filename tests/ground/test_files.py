@@ -11,7 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robolamp.errors import FileError, RobolampError
-from robolamp.files import Table, parse_json, parse_toml, read_bytes, read_text, read_toml, sha256, write_atomic
+from robolamp.files import (
+    Table,
+    parse_json,
+    parse_toml,
+    partial,
+    read_bytes,
+    read_text,
+    read_toml,
+    sha256,
+    write_atomic,
+)
 
 
 def test_an_error_is_one_line_with_its_place() -> None:
@@ -255,3 +265,13 @@ def test_only_regular_files_are_read(tmp_path: Path) -> None:
 def test_a_file_of_proc_has_no_size_and_is_read() -> None:
     if Path("/proc/self/status").exists():
         assert read_text(Path("/proc/self/status")).startswith("Name:")
+
+
+def test_what_fails_while_a_file_is_made_is_told_of_that_file(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    with pytest.raises(FileError) as caught, partial(path) as temporary:
+        raise FileError("cannot be written: No space left on device", str(temporary))
+    assert str(caught.value) == f"{path}: cannot be written: No space left on device"
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(FileError, match=r"^other: is another$"), partial(path):
+        raise FileError("is another", "other")
