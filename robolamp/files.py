@@ -165,6 +165,20 @@ def is_file(path: Path) -> bool:
     return bool(kind)
 
 
+def all_below(folder: Path) -> list[Path]:
+    """Return everything in a folder and in those below it but folders, in the order of their paths.
+
+    Raises:
+        FileError: A folder cannot be looked into: what is in it would be left out in silence.
+    """
+
+    def refuse(error: OSError) -> None:
+        raise FileError(f"cannot be read: {error.strerror or error}", str(error.filename or folder))
+
+    found = (Path(base, name) for base, _, names in os.walk(folder, onerror=refuse) for name in names)
+    return sorted(found)
+
+
 def suffix_of(path: Path) -> str:
     """Return a name's ending in small letters, as ".csv" of "A.CSV"; empty where it has none."""
     return path.suffix.lower()

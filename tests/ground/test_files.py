@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from robolamp.errors import FileError, RobolampError
 from robolamp.files import (
     Table,
+    all_below,
     parse_json,
     parse_toml,
     partial,
@@ -275,3 +276,24 @@ def test_what_fails_while_a_file_is_made_is_told_of_that_file(tmp_path: Path) ->
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(FileError, match=r"^other: is another$"), partial(path):
         raise FileError("is another", "other")
+
+
+def test_a_folder_that_cannot_be_looked_into_is_not_passed_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("b/c.csv", "a.csv", "b/d/.e"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    (tmp_path / "loop").symlink_to(tmp_path)
+    found = [path.relative_to(tmp_path).as_posix() for path in all_below(tmp_path)]
+    assert found == ["a.csv", "b/c.csv", "b/d/.e"]
+    scan = os.scandir
+
+    def refused(folder: str) -> object:
+        if str(folder).endswith("/d"):
+            raise PermissionError(13, "Permission denied", str(folder))
+        return scan(folder)
+
+    monkeypatch.setattr(os, "scandir", refused)
+    with pytest.raises(FileError, match=r"b/d: cannot be read: Permission denied"):
+        all_below(tmp_path)
