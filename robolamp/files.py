@@ -85,6 +85,21 @@ def _unwritten(path: Path, error: OSError) -> FileError:
     return FileError(f"cannot be written: {error.strerror or error}", str(path))
 
 
+def spare(out: Path, *sources: Path | None) -> None:
+    """Refuse to write over a file that is read: it may be the only one of its kind.
+
+    Args:
+        out: What is to be written.
+        *sources: What is read for it; None: nothing.
+
+    Raises:
+        FileError: They are the same file, by whatever name.
+    """
+    for source in sources:
+        if source is not None and out.exists() and source.exists() and out.samefile(source):
+            raise FileError(f"is {source} itself, which is read; choose another -o", str(out))
+
+
 def open_new(path: Path) -> int:
     """Open a file for writing, in place of whatever file or link has its name, and return its descriptor.
 
