@@ -2,6 +2,17 @@
 
 from __future__ import annotations
 
+import unicodedata
+
+_UNSEEN = ("Cc", "Cf", "Zl", "Zp")  # Unicode's categories of what ends a line, turns it round, or steers a terminal
+
+
+def on_one_line(text: str) -> str:
+    """Return a text of whatever origin fit to be shown: what would end the line or steer a terminal is escaped."""
+    return "".join(
+        each.encode("unicode_escape").decode() if unicodedata.category(each) in _UNSEEN else each for each in text
+    )
+
 
 class RobolampError(Exception):
     """Something a user can mend: names the value, what was expected, and where it came from.
@@ -17,7 +28,7 @@ class RobolampError(Exception):
         self.where = where
 
     def __str__(self) -> str:
-        return f"{self.where}: {self.message}" if self.where else self.message
+        return on_one_line(f"{self.where}: {self.message}" if self.where else self.message)
 
 
 class FileError(RobolampError):

@@ -65,7 +65,12 @@ def partial(path: Path, name: str = "") -> Iterator[Path]:
     except OSError as error:
         raise _unwritten(path, error) from None
     try:
-        yield temporary
+        try:
+            yield temporary
+        except FileError as error:
+            if error.where == str(temporary):  # a name that nobody gave, of a file that is about to go
+                error.where = str(path)
+            raise
         try:
             temporary.replace(path)
         except OSError as error:
@@ -78,6 +83,21 @@ def partial(path: Path, name: str = "") -> Iterator[Path]:
 def _unwritten(path: Path, error: OSError) -> FileError:
     """Return (not raise) what is said of a file that could not be written."""
     return FileError(f"cannot be written: {error.strerror or error}", str(path))
+
+
+def spare(out: Path, *sources: Path | None) -> None:
+    """Refuse to write over a file that is read: it may be the only one of its kind.
+
+    Args:
+        out: What is to be written.
+        *sources: What is read for it; None: nothing.
+
+    Raises:
+        FileError: They are the same file, by whatever name.
+    """
+    for source in sources:
+        if source is not None and out.exists() and source.exists() and out.samefile(source):
+            raise FileError(f"is {source} itself, which is read; choose another -o", str(out))
 
 
 def open_new(path: Path) -> int:
@@ -118,7 +138,12 @@ _KINDS = (
     (stat.S_ISBLK, "a device"),
     (stat.S_ISSOCK, "a socket"),
 )
-_MARKS = {b"\xff\xfe": "UTF-16", b"\xfe\xff": "UTF-16", b"\x00\x00\xfe\xff": "UTF-32"}
+_MARKS = {  # the longer before the shorter that they begin with
+    b"\xff\xfe\x00\x00": "UTF-32",
+    b"\x00\x00\xfe\xff": "UTF-32",
+    b"\xff\xfe": "UTF-16",
+    b"\xfe\xff": "UTF-16",
+}
 # Strings and comments as wholes, so that what is counted stands outside of them.
 _TOML = re.compile(
     r'"""(?:[^"\\]|\\.|"{1,2}(?!"))*+"""|"(?:[^"\\\n]|\\.)*+"'
@@ -153,6 +178,20 @@ def is_file(path: Path) -> bool:
     if kind not in ("file", ""):
         raise FileError(f"is {kind}; expected a file", str(path))
     return bool(kind)
+
+
+def all_below(folder: Path) -> list[Path]:
+    """Return everything in a folder and in those below it but folders, in the order of their paths.
+
+    Raises:
+        FileError: A folder cannot be looked into: what is in it would be left out in silence.
+    """
+
+    def refuse(error: OSError) -> None:
+        raise FileError(f"cannot be read: {error.strerror or error}", str(error.filename or folder))
+
+    found = (Path(base, name) for base, _, names in os.walk(folder, onerror=refuse) for name in names)
+    return sorted(found)
 
 
 def suffix_of(path: Path) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from robolamp.assets import Assets
 from robolamp.errors import FileError
-from robolamp.files import Table, read_text, read_toml
+from robolamp.files import Table, parse_toml, read_text, read_toml
 
 SERVO_MODELS = ("XL330-M288-T", "XL330-M077-T", "XL430-W250-T")
 """Servo models that a lamp may name."""
@@ -175,8 +174,8 @@ def same_lamp(lamp: Lamp, text: str) -> bool:
     if text == lamp.source:
         return True
     try:
-        return _lamp(Table(tomllib.loads(text), ""), lamp.path, lamp.source) == lamp
-    except (ValueError, RecursionError, FileError):
+        return _lamp(Table(parse_toml(text, ""), ""), lamp.path, lamp.source) == lamp
+    except FileError:
         return False
 
 

@@ -26,7 +26,7 @@ from robolamp.calibrate.manifest import NAME as MANIFEST
 from robolamp.calibrate.recording_table import parse_table
 from robolamp.dynamixel.wire import wire_time
 from robolamp.errors import FileError
-from robolamp.files import is_file, kind_of, parse_json, parse_toml, read_text, sha256, shown, suffix_of
+from robolamp.files import all_below, is_file, kind_of, parse_json, parse_toml, read_text, sha256, shown, suffix_of
 from robolamp.log.reader import Run, read_run
 
 Array = NDArray[np.float64]
@@ -137,7 +137,7 @@ def read_recordings(paths: Iterable[Path], told: Callable[[str], None] = lambda 
         if kind_of(path) != "a folder":
             found[path] = None
             continue
-        inside = [item for item in sorted(path.rglob("*")) if not item.is_dir() and not item.name.startswith(".")]
+        inside = [item for item in all_below(path) if not item.name.startswith(".")]
         kept = [item for item in inside if suffix_of(item) in SUFFIXES and kind_of(item) == "file"]
         if not kept:
             raise FileError(f"holds no recording ({', '.join(SUFFIXES)})", str(path))

@@ -21,6 +21,11 @@ _TURN = 2 * math.pi  # what a servo's goals can span in position mode (e-manual,
 _MOST_ANGLE = 2 * _TURN  # chosen: an arm that is let go swings through once at most [rad]
 _JUMP = math.pi  # between two samples: twice what an arm falls through in the longest step [rad]
 _GOAL_JUMP = 0.75 * _TURN  # a goal may step across the whole of a half circle to either side [rad]
+# Of angles from their goals, on the whole: the weakest servo of Rhoban/bam's recordings sags by 0.95; angles that are
+# counted from the other end of the turn are off by half a turn [rad].
+_MOST_AWAY = 0.75 * math.pi
+_HEAVIEST, _FARTHEST = 5.0, 1.0  # of a pendulum, as in a servos file (robolamp.emulator.servos_file) [kg], [m]
+_MOST_GAIN = 16383  # Position P Gain (e-manual, 84)
 _SUPPLY = (1.0, 30.0)  # chosen: around what any servo that robolamp knows is fed, however badly it reads [V]
 _UNITS = (0.4, 2.5)  # velocity as read by that of the angle: chosen; deg/s, rpm and milliseconds are farther off
 _LONGEST_GAP = 0.1  # the goal may have changed unseen, and a pendulum swings through its whole arc [s]
@@ -68,6 +73,21 @@ def faults(recording: Recording) -> list[str]:
     gain = recording.p_gain[recording.torque]
     if not (np.isfinite(gain) & (gain > 0)).all():
         found.append("the Position P Gain is not known, or not above 0")
+    elif (odd := gain[(gain > _MOST_GAIN) | (gain != np.rint(gain))]).size:
+        found.append(
+            f"the Position P Gain is {odd[0]:g}, expected a whole number up to {_MOST_GAIN}: not the register (84)?"
+        )
+    return found + _bench_units(recording)
+
+
+def _bench_units(recording: Recording) -> list[str]:
+    """Return what speaks for other units than kilograms and metres of a pendulum."""
+    found = []
+    for name, value in (("mass", recording.mass), ("arm_mass", recording.arm_mass)):
+        if value is not None and value > _HEAVIEST:
+            found.append(f"{name} is {value:g} kg, expected {_HEAVIEST:g} kg or less: are these grams?")
+    if recording.length is not None and recording.length > _FARTHEST:
+        found.append(f"length is {recording.length:g} m, expected {_FARTHEST:g} m or less: are these millimetres?")
     return found
 
 
@@ -103,8 +123,11 @@ def _units(recording: Recording, step: NDArray[np.float64]) -> list[str]:
             )
     if not found and recording.torque.any():
         away = float(np.median((angle - goal)[recording.torque]))
-        if abs(away) > math.pi:
-            found.append(f"the angle is {away:+.2f} rad from its goal on the whole, expected less than half a turn")
+        if abs(away) > _MOST_AWAY:
+            found.append(
+                f"the angle is {away:+.2f} rad from its goal on the whole, expected {_MOST_AWAY:.2f} rad or less: are "
+                "both counted from the same zero?"
+            )
     volts = recording.voltage[np.isfinite(recording.voltage)]
     outside = volts[(volts < _SUPPLY[0]) | (volts > _SUPPLY[1])]
     if outside.size:

@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from robolamp.errors import on_one_line
+
 
 @contextlib.contextmanager
 def bar(words: str, *, quiet: bool) -> Iterator[Callable[[float], None]]:
@@ -36,4 +38,4 @@ def bar(words: str, *, quiet: bool) -> Iterator[Callable[[float], None]]:
 
 def note(text: str) -> None:
     """Tell on stderr what was left out or filled in: stdout is for the answer."""
-    print(f"robolamp: {text}", file=sys.stderr, flush=True)
+    print(f"robolamp: {on_one_line(text)}", file=sys.stderr, flush=True)

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.cli.output import print_json
-from robolamp.files import suffix_of
+from robolamp.files import spare, suffix_of
 
 
 def bam(
@@ -36,6 +36,7 @@ def bam(
     from robolamp.calibrate.bam import export_bam, import_bam  # tomlkit and the rest load after the arguments
 
     assets = Assets.of(lamp)
+    spare(output, Path(file))
     if suffix_of(Path(file)) == ".json":
         left_out = import_bam(Path(file), output, servo, load_calibration(assets, base))
     else:

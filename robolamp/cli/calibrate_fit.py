@@ -13,6 +13,7 @@ from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.cli.bar import bar, note
 from robolamp.cli.output import print_json
+from robolamp.files import spare
 
 
 def fit(
@@ -56,6 +57,7 @@ def fit(
     known = load_calibration(Assets.of(lamp), base)
     notes: list[str] = []
     found = read_recordings(recordings, notes.append)
+    spare(output, *(recording.path for recording in found))
     require_sound(found)
     for text in notes if not as_json else []:
         note(text)

@@ -11,6 +11,7 @@ from robolamp.cli.bar import note
 from robolamp.cli.options import Setup
 from robolamp.cli.output import counted, print_json
 from robolamp.errors import RobolampError
+from robolamp.files import spare
 
 
 def report(
@@ -53,6 +54,7 @@ def report(
     notes: list[str] = []
     if benches:
         found = read_recordings(benches, notes.append)
+        spare(output, *(recording.path for recording in found))
         require_sound(found)
         shown += show_bench(found, setup.calibration)
     for text in notes if not as_json else []:

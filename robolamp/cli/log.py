@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 
 from robolamp.cli.output import counted, print_json
-from robolamp.errors import FileError
+from robolamp.errors import FileError, on_one_line
 
 if TYPE_CHECKING:
     from robolamp.log.summary import Summary
@@ -168,7 +168,7 @@ def _told(summary: Summary) -> str:
     texts = [name for name in _TEXTS if context.get(name)]
     if texts:
         lines += [("texts", f"{', '.join(texts)}: print one with --text")]
-    return "\n".join(f"{title:<9}{line}" for title, line in lines)
+    return "\n".join(f"{title:<9}{on_one_line(line)}" for title, line in lines)
 
 
 def _origin(context: dict[str, str]) -> str:

@@ -12,7 +12,7 @@ from cyclopts import App, CycloptsError, UnknownOptionError
 from robolamp import __version__
 from robolamp.cli.help import Wrapped
 from robolamp.cli.streams import let_go_of_output
-from robolamp.errors import RobolampError
+from robolamp.errors import RobolampError, on_one_line
 
 app = App(
     name="robolamp",
@@ -143,5 +143,5 @@ def _fail(message: str, where: str, as_json: bool) -> int:
             print(json.dumps({"error": message, "where": where}), flush=True)
             return 2
     with contextlib.suppress(OSError, ValueError):  # closed, too: then there is nobody to tell
-        print(f"robolamp: {where + ': ' if where else ''}{message}", file=sys.stderr, flush=True)
+        print(on_one_line(f"robolamp: {where + ': ' if where else ''}{message}"), file=sys.stderr, flush=True)
     return 2

@@ -20,7 +20,7 @@ from robolamp.cli.drive import Drive
 from robolamp.cli.output import print_json
 from robolamp.compare.task import NOT_DONE
 from robolamp.compare.tolerances import Tolerances
-from robolamp.errors import RobolampError
+from robolamp.errors import RobolampError, on_one_line
 from robolamp.log.reader import read_run
 from robolamp.runtime.result import RunResult
 from robolamp.runtime.stop import SIGNALS
@@ -209,7 +209,7 @@ def concluded(code: int, failures: Sequence[Failure]) -> int:
     for failure in failures:
         with contextlib.suppress(OSError, ValueError):
             where = f"{failure.where}: " if failure.where else ""
-            print(f"robolamp: {where}{failure.message}", file=sys.stderr, flush=True)
+            print(on_one_line(f"robolamp: {where}{failure.message}"), file=sys.stderr, flush=True)
     return max([code, *(failure.code for failure in failures)])
 
 

@@ -13,7 +13,7 @@ from cyclopts import Parameter
 from robolamp.cli.options import Setup
 from robolamp.cli.output import print_json
 from robolamp.errors import FileError, RobolampError
-from robolamp.files import write_atomic
+from robolamp.files import spare, write_atomic
 from robolamp.player.server import PageServer
 
 
@@ -44,6 +44,8 @@ def replay(
     """
     if not 0 <= port <= 65535:
         raise RobolampError(f"{port} is no port; expected 0 to 65535", "--port")
+    if output is not None and log.name:
+        spare(output, log, truth, log.with_suffix(".truth.mcap"), log.with_name("truth.mcap"))
     html = _page(log, truth, Setup.of(lamp, calibration)).encode(errors="replace")  # no text: file names
     if output is not None:
         write_atomic(output, html)

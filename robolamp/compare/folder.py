@@ -26,7 +26,7 @@ from robolamp.compare.task import DONE, Task, task_of
 from robolamp.compare.tolerances import Tolerances, load_tolerances
 from robolamp.compare.verdict import INSIDE, Verdict, verdict_of
 from robolamp.errors import FileError, RobolampError
-from robolamp.files import is_file, read_text, shown, suffix_of
+from robolamp.files import all_below, is_file, read_text, shown, suffix_of
 from robolamp.lamp import Lamp, load_lamp
 from robolamp.log.reader import read_run
 
@@ -213,13 +213,14 @@ def compare_folder(
         tolerances: What is allowed; None: calibration/tolerances/default.toml.
 
     Raises:
-        FileError: The folder holds no log that can be compared, or its travel.csv is malformed.
+        FileError: The folder holds no log that can be compared, or one that cannot be looked into, or its travel.csv is
+            malformed.
     """
     lamp, allowed = load_lamp(assets), tolerances or load_tolerances(assets)
     measured = _travels(path / TRAVELS)
     rows, skipped = [], []
-    for log in sorted(path.rglob("*")):
-        if suffix_of(log) != ".mcap" or log.is_dir() or log.name.lower().endswith(("truth.mcap", ".twin.mcap")):
+    for log in all_below(path):
+        if suffix_of(log) != ".mcap" or log.name.lower().endswith(("truth.mcap", ".twin.mcap")):
             continue
         try:
             ruler = measured.get(log.relative_to(path).as_posix())

@@ -97,5 +97,5 @@ def servo_settings(context: Mapping[str, str]) -> dict[str, dict[str, int]]:
             str(joint): {str(name): int(value) for name, value in registers.items()}
             for joint, registers in found.items()
         }
-    except (ValueError, TypeError, AttributeError, RecursionError):
+    except (ValueError, TypeError, AttributeError, RecursionError, OverflowError):  # OverflowError: of an infinity
         return {}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.errors import FileError, RobolampError
+from robolamp.files import parse_toml
 from robolamp.log.cdr import Rows
 from robolamp.log.schemas import (
     ANSWER_WIRE,
@@ -36,6 +36,10 @@ Array = NDArray[np.float64]
 STEP = 0.1
 """Change of a log's time stamps against the run's own clock from which on somebody set the clock of the wall [s]: NTP
 slews what is less than 0.128 s (ntpd(8), "step threshold") at 500 ppm at most, 0.01 ms a tick."""
+
+_TIMES = ("scheduled", "read_done", "write_done", "measured_at")  # of a tick, beside when it began
+_NEAR = 60.0  # of a tick's times to its beginning [s]: chosen; a loop that is so late has long ended its run
+_LONGEST = 86_400.0  # chosen: a day; the longest run has 600 s and its pauses [s]
 
 _GRID = 0.001  # control periods by which a tick may be off its schedule's grid by rounding
 
@@ -289,6 +293,9 @@ def run_of(contents: Contents, prefix: str = LAMP_PREFIX) -> Run:
     seen_times, seen = contents.topic(f"{prefix}/measured", JOINT_STATE, "name", "position", "velocity", "effort")
     context = contents.metadata.get(METADATA, {})
     joints = _joints(context, goals["name"][0])
+    if len(set(joints)) != len(joints):
+        raise FileError(f"names the same joint twice: {', '.join(joints)}", str(contents.path))
+    _check_times(contents.path, ticks)
     log_time = np.array(tick_times, dtype=np.int64)
     stamps = log_time - _nanoseconds(ticks["write_done"]) + _nanoseconds(ticks["measured_at"])
     rows, of_goals, of_seen = _matched(
@@ -409,10 +416,40 @@ def _joints(context: dict[str, str], named: Sequence[str]) -> tuple[str, ...]:
         named: Names of the joints, as the goals have them.
     """
     try:
-        described = tuple(str(joint["name"]) for joint in tomllib.loads(context.get("lamp", "")).get("joint", ()))
-    except (ValueError, TypeError, KeyError, AttributeError):
+        described = tuple(str(joint["name"]) for joint in parse_toml(context.get("lamp", ""), "").get("joint", ()))
+    except (FileError, TypeError, KeyError, AttributeError):
         described = ()
     return described if sorted(described) == sorted(named) else tuple(named)
+
+
+def _check_times(path: Path, ticks: dict[str, Any]) -> None:
+    """Refuse ticks whose own times are none, and two of one number: neither is put right by leaving some out."""
+    index, began = ticks["index"].astype(np.int64), ticks["began"].astype(np.float64)
+    if began.size < 2:  # there is nothing that they could contradict
+        return
+    wrong = np.flatnonzero(~np.isfinite(began))
+    if wrong.size:
+        raise FileError(f"tick {index[wrong[0]]} began at {began[wrong[0]]} s; expected a time", str(path))
+    for name in _TIMES:
+        times = ticks[name].astype(np.float64)
+        far = np.flatnonzero(~(np.abs(times - began) <= _NEAR))
+        if far.size:
+            row = int(far[0])
+            raise FileError(
+                f"tick {index[row]} began at {began[row]:g} s, and its {name} is {times[row]:g} s; expected no more "
+                f"than {_NEAR:g} s between them",
+                str(path),
+            )
+    if began.size and np.ptp(began) > _LONGEST:
+        raise FileError(f"lasts {np.ptp(began):g} s; expected the log of one run, {_LONGEST:g} s at most", str(path))
+    order = np.lexsort((began, index))
+    twice = np.flatnonzero((np.diff(index[order]) == 0) & (np.diff(began[order]) != 0.0))
+    if twice.size:
+        one, other = order[twice[0]], order[twice[0] + 1]
+        raise FileError(
+            f"two ticks are number {index[one]}: one began at {began[one]:.3f} s, one at {began[other]:.3f} s",
+            str(path),
+        )
 
 
 def _matched(

@@ -33,6 +33,7 @@ _MOST_CHUNK = 64 << 20  # unpacked [bytes]: chosen; writers close a chunk at 1 t
 _MOST_KEPT = 512 << 20  # of all messages together [bytes]: chosen; a run of 600 s has some 50 MB
 _MESSAGE_COST = 200  # of a message beside its data, as Python keeps it [bytes]
 _PIECE = 1 << 20  # unpacked at once [bytes]
+_LATEST = (1 << 63) - 1  # of what numpy counts nanoseconds with; MCAP's own has a bit more [ns since the epoch]
 
 
 @dataclass
@@ -118,6 +119,10 @@ class Contents:
                 raise FileError(f"{name} holds {self._kind(number)}, expected {kind}", str(self.path))
             times += self.times[number]
             data += self.data[number]
+        if (latest := max(times)) > _LATEST:
+            raise FileError(
+                f"{name}: a message of {latest} ns since the epoch; expected {_LATEST} at most", str(self.path)
+            )
         definition = self.schemas[self.channels[channels[0]].schema_id].data.decode(errors="replace")
         try:
             columns = decode(definition, data, wanted)

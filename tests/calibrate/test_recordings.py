@@ -7,6 +7,7 @@ import json
 import math
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -197,7 +198,7 @@ def test_what_a_folder_has_beside_recordings_is_told(tmp_path: Path) -> None:
     assert said == [f"{tmp_path}: left out, as no recordings (.mcap, .json, .csv): deep/c.CSV.bak, pipe.csv"]
 
 
-def _units(**changed: np.ndarray) -> list[str]:
+def _units(**changed: Any) -> list[str]:
     return faults(dataclasses.replace(MADE, **changed))
 
 
@@ -220,6 +221,13 @@ SPEED = np.gradient(MADE.angle, MADE.time)
         ({"angle": np.degrees(MADE.angle) % 360}, "degrees, or counts?"),
         ({"goal": MADE.goal * 4096 / TURN}, "degrees, or counts?"),
         ({"angle": MADE.angle + 1.2 * math.pi}, "from its goal on the whole"),
+        ({"angle": MADE.angle + math.pi}, "from its goal on the whole"),
+        ({"angle": MADE.angle - math.pi}, "from its goal on the whole"),
+        ({"mass": 200.0}, "mass is 200 kg, expected 5 kg or less: are these grams?"),
+        ({"arm_mass": 100.0}, "arm_mass is 100 kg"),
+        ({"length": 100.0}, "length is 100 m, expected 1 m or less: are these millimetres?"),
+        ({"p_gain": MADE.p_gain / 128}, "the Position P Gain is"),
+        ({"p_gain": MADE.p_gain * 1000}, "expected a whole number up to 16383"),
         ({"voltage": np.full_like(MADE.time, 73.0)}, "the supply reads 73 V"),
         ({"voltage": _with(MADE.voltage, 9, 0.0)}, "the supply reads 0 V"),
         ({"velocity": np.degrees(SPEED)}, "the velocity is 57.3 times"),
@@ -227,7 +235,7 @@ SPEED = np.gradient(MADE.angle, MADE.time)
         ({"velocity": -SPEED}, "the velocity is -1 times"),
     ],
 )  # fmt: skip
-def test_other_units_and_angles_that_begin_anew_are_named(changed: dict[str, np.ndarray], words: str) -> None:
+def test_other_units_and_angles_that_begin_anew_are_named(changed: dict[str, Any], words: str) -> None:
     found = _units(**changed)
     assert any(words in fault for fault in found), found
     assert not any("\n" in fault for fault in found)

@@ -197,6 +197,25 @@ def test_a_byte_order_mark_is_read_over_in_every_text(
         assert said["code"] == 0, said
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        "replay LOG -o LOG",
+        "replay LOG --truth PARAMETERS -o PARAMETERS",
+        "log recover LOG -o LOG",
+        "compare LOG -o LOG",
+        "calibrate fit RECORDING -o RECORDING",
+        "calibrate report nominal RECORDING -o RECORDING",
+        "calibrate bam PARAMETERS -o PARAMETERS",
+    ],
+)
+def test_what_is_read_is_never_written_over(words: str, sound: dict[str, str], driver: subprocess.Popen[str]) -> None:
+    before = {path: Path(path).read_bytes() for path in sound.values()}
+    message = in_one_line(told(driver, [sound.get(word, word) for word in words.split()]))
+    assert "choose another -o" in message
+    assert {path: Path(path).read_bytes() for path in sound.values()} == before
+
+
 @pytest.mark.parametrize("name", ["limbo-22.5cm", "limbo-22.5cm.toml"])
 def test_a_shipped_name_with_a_point_is_found(name: str, driver: subprocess.Popen[str]) -> None:
     said = told(driver, ["explain", name, "--goals", "0.2", "--duration", "0.5", "--json"])

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robolamp.assets import Assets
+from robolamp.assets import Assets, shipped
 from robolamp.cli.main import main
 
 CONTROLLER = """
@@ -313,3 +313,18 @@ def test_ctrl_c_while_loading_ends_without_a_traceback(delay: float, words: list
     assert process.returncode in ((0, 130) if words == ["emulate"] else (130,))  # Ctrl-C is how an emulator ends
     assert b"Traceback" not in err
     assert b"ignored" not in err
+
+
+def test_what_a_file_or_a_name_holds_stays_on_one_line(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, nod: Path
+) -> None:
+    lamp = tmp_path / "hardware" / "lamp.toml"
+    lamp.parent.mkdir()
+    text = (shipped() / "hardware" / "lamp.toml").read_text()
+    lamp.write_text(text.replace('name = "ankle"', 'name = "a\\nb\\u001b[31m\\u202e"'))
+    for words in (("score", nod, "--lamp", tmp_path), ("score", "no\nsuch\x1b[31m\u202e")):
+        code, out, err = call(capsys, *words)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert "\\n" in err
+        assert "\\x1b[31m\\u202e" in err
+        assert "\x1b" not in err

@@ -11,7 +11,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robolamp.errors import FileError, RobolampError
-from robolamp.files import Table, parse_json, parse_toml, read_bytes, read_text, read_toml, sha256, write_atomic
+from robolamp.files import (
+    Table,
+    all_below,
+    parse_json,
+    parse_toml,
+    partial,
+    read_bytes,
+    read_text,
+    read_toml,
+    sha256,
+    write_atomic,
+)
 
 
 def test_an_error_is_one_line_with_its_place() -> None:
@@ -163,7 +174,7 @@ def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path: Path) -> None:
         ("name = 1".encode("utf-16"), "is UTF-16 text; expected UTF-8"),
         ("name = 1".encode("utf-16-be"), "not text: a zero byte"),
         (b"\xfe\xff" + "name = 1".encode("utf-16-be"), "is UTF-16 text"),
-        ("name = 1".encode("utf-32"), "is UTF-16 text"),  # whose mark begins with that of UTF-16
+        ("name = 1".encode("utf-32"), "is UTF-32 text"),  # whose mark begins with that of UTF-16
         (b"\xff", "not UTF-8 text (byte 0)"),
     ],
 )
@@ -255,3 +266,34 @@ def test_only_regular_files_are_read(tmp_path: Path) -> None:
 def test_a_file_of_proc_has_no_size_and_is_read() -> None:
     if Path("/proc/self/status").exists():
         assert read_text(Path("/proc/self/status")).startswith("Name:")
+
+
+def test_what_fails_while_a_file_is_made_is_told_of_that_file(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    with pytest.raises(FileError) as caught, partial(path) as temporary:
+        raise FileError("cannot be written: No space left on device", str(temporary))
+    assert str(caught.value) == f"{path}: cannot be written: No space left on device"
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(FileError, match=r"^other: is another$"), partial(path):
+        raise FileError("is another", "other")
+
+
+def test_a_folder_that_cannot_be_looked_into_is_not_passed_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("b/c.csv", "a.csv", "b/d/.e"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    (tmp_path / "loop").symlink_to(tmp_path)
+    found = [path.relative_to(tmp_path).as_posix() for path in all_below(tmp_path)]
+    assert found == ["a.csv", "b/c.csv", "b/d/.e"]
+    scan = os.scandir
+
+    def refused(folder: str) -> object:
+        if str(folder).endswith("/d"):
+            raise PermissionError(13, "Permission denied", str(folder))
+        return scan(folder)
+
+    monkeypatch.setattr(os, "scandir", refused)
+    with pytest.raises(FileError, match=r"b/d: cannot be read: Permission denied"):
+        all_below(tmp_path)
