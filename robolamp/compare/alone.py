@@ -26,6 +26,8 @@ STAND = 1.0
 """How long the twin stands in the neutral pose first [s]: as in the fleet that evolves and scores controllers."""
 LONG = 5.0
 """How long the controller drives where the log does not say, and was cut [s]: what dry-run and deploy take."""
+LONGEST = 600.0
+"""The longest that dry-run and deploy let a controller drive [s]: a log that says more was not made by them."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ def alone_of(run: Run, ending: Ending, lamp: Lamp, calibration: Calibration, ass
 
 def _duration(run: Run, ending: Ending) -> float:
     """Return how long the controller was to drive [s]."""
-    try:
-        return float(run.context[DURATION])
-    except (KeyError, ValueError):
-        return max(ending.drove, LONG) if ending.cut else ending.drove
+    told = run.number(DURATION, above=0.0)
+    if math.isfinite(told):
+        return min(told, LONGEST)
+    return max(ending.drove, LONG) if ending.cut else ending.drove

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -108,6 +109,9 @@ def logged_pilot(run: Run, lamp: Lamp) -> Pilot:
         flight_time = float(run.context.get("flight_time_s", _FLIGHT_TIME_0_1_0))
     except ValueError as error:
         raise FileError(f"slew_share, goal_time_s or flight_time_s is no number: {error}", str(run.path)) from None
+    for name, value in (("slew_share", share), ("goal_time_s", goal_time), ("flight_time_s", flight_time)):
+        if value is not None and not 0.0 < value < math.inf:
+            raise FileError(f"{name} is {value:g}; expected a number above 0", str(run.path))
     lamp = dataclasses.replace(
         lamp,
         joints=tuple(dataclasses.replace(joint, slew=joint.slew * share) for joint in lamp.joints),

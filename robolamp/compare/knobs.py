@@ -190,14 +190,15 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             f"{_RECORD} settle the friction of joint.{{joint}}; look for a rubbing cable or a tight screw", each=True,
             moving=True,
         ),
-        # Preflight: a joint may stand 0.17 rad outside its limits (safety.preflight_angle of lamp.toml).
+        # Preflight: a joint may stand 0.17 rad outside its limits (safety.preflight_angle of lamp.toml). Standing still
+        # stiction bears what the neck weighs at any of these.
         "zero": Kind(
             "rad", (-0.02, 0.02), -0.17, 0.17, 0.003,
             _zero,
             "the {joint} stands {size} further forward than it reports",
             "the {joint} stands {size} further back than it reports",
             "`robolamp setup zero` sets joint.{joint}.zero in hardware/lamp.toml; check that its horn sits firmly",
-            each=True,
+            each=True, moving=True,
         ),
         # Nothing acts before it is asked: servo and line take 12.5 ms (nominal.toml; published fits: up to 16). Later:
         # the realities' limit of a line.

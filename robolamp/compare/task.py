@@ -81,8 +81,8 @@ def _against(run: Run, landing: Landing, allowed: float) -> Iterator[str]:
 
 
 def _signs(run: Run, lamp: Lamp, landing: Landing, alone: Alone) -> Iterator[str]:
-    """Yield what a lamp's own sensors say against it, where nobody saw where it landed."""
-    if math.isfinite(landing.travel):
+    """Yield what a lamp's own sensors say against it, where nobody saw what it did; a ruler tells no fall."""
+    if landing.fell is not None:
         return
     rows = run.phase == "run"
     if rows.any() and not _moved(run.angle[rows]):
@@ -91,7 +91,7 @@ def _signs(run: Run, lamp: Lamp, landing: Landing, alone: Alone) -> Iterator[str
     last = last[np.isfinite(last)]
     if last.size and np.median(last) < lamp.contact_off:
         yield "its foot does not press on the floor at the end: it fell, or was lifted"
-    if rows.any() and run.hops[-1] == 0 and alone.flown:
+    if rows.any() and run.hops[-1] == 0 and alone.flown and not math.isfinite(landing.travel):
         yield f"it counted no hop, where its controller alone on the twin takes {alone.flown}"
 
 

@@ -79,7 +79,7 @@ def verdict_of(
     missing = np.count_nonzero(~np.isfinite(run.angle[rows]), axis=0).tolist()
     exceeded = [
         *_fell(lamp, other), *_joints(joints, missing, allowed), *_hops(hops, allowed, lamp, other),
-        *_travel(lamp, other, allowed), *_foot(run, rows, allowed), *_faults(run),
+        *_travel(lamp, other, allowed), *_foot(run, rows, allowed), *_lost(run, allowed), *_faults(run),
     ]  # fmt: skip
     unknown = [*_ended(endings, other), *_unknown(run, joints, missing, lamp, other, rows)]
     if len(endings) == 1 and not math.isfinite(lamp.travel - other.travel):
@@ -135,6 +135,15 @@ def _foot(run: Run, rows: np.ndarray, allowed: Tolerances) -> Iterator[str]:
         yield f"foot: {gone} of {of} readings are missing, allowed {allowed.missing:.1%}"
 
 
+def _lost(run: Run, allowed: Tolerances) -> Iterator[str]:
+    """Yield that ticks are not in the log though they ran: nobody knows what the lamp did in them."""
+    driven = run.phase == "run"
+    lost = int((np.diff(run.index) - 1)[driven[1:] | driven[:-1]].sum())
+    of = int(np.count_nonzero(driven)) + lost
+    if lost > allowed.missing * of:
+        yield f"{lost} of {of} ticks are missing in the log, allowed {allowed.missing:.1%}"
+
+
 def _faults(run: Run) -> Iterator[str]:
     """Yield the faults while the controller drove: the twin knows none."""
     gone = silent(run)
@@ -170,9 +179,10 @@ def _ended(endings: Sequence[Ending], other: Side) -> Iterator[str]:
 def _unknown(
     run: Run, joints: Sequence[JointError], missing: Sequence[int], lamp: Side, other: Side, rows: np.ndarray
 ) -> Iterator[str]:
+    driven = int(np.count_nonzero((run.phase == "run") & ~silent(run)))
     ticks, end = int(np.count_nonzero(rows)), float(run.scheduled[rows][-1]) - origin(run)
-    if ticks < MIN_SAMPLES:
-        yield f"too few readings: {ticks} ticks"
+    if driven < MIN_SAMPLES:  # what else is in the log stands for nothing that the controller did
+        yield f"too few readings: {driven} tick{'s' * (driven != 1)} of the controller"
     for joint, gone in zip(joints, missing, strict=True):
         there = min(joint.samples, joint.of - gone)
         if ticks >= MIN_SAMPLES and there < max(MIN_SAMPLES, _LEAST_SHARE * joint.of):

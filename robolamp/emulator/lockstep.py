@@ -8,9 +8,11 @@ and faster than real time. Byte times, return delays and the 1.5 ms gap are exac
 from __future__ import annotations
 
 import errno
+import math
 import os
 from collections import deque
 from collections.abc import Sequence
+from itertools import pairwise
 
 from robolamp.emulator.emulated import Emulated
 from robolamp.emulator.line import BITS
@@ -138,9 +140,14 @@ class LockstepPort:
         self._check()
         data = bytes(packet)
         self._world.line.baud = self.baudrate
+        before = -math.inf
         for reply in self._world.receive(data, self._clock.now()):
-            first = reply.due - (len(reply.data) - 1) * reply.byte
+            # A packet that comes twice comes after itself; one that is late is overtaken by those of later questions.
+            first = max(reply.due - (len(reply.data) - 1) * reply.byte, before)
             self._arriving.extend((first + index * reply.byte, value) for index, value in enumerate(reply.data))
+            before = first + (len(reply.data) - 1) * reply.byte
+        if any(later < earlier for (earlier, _), (later, _) in pairwise(self._arriving)):
+            self._arriving = deque(sorted(self._arriving, key=lambda byte: byte[0]))
         return len(data)
 
     def setPacketTimeout(self, packet_length: int) -> None:

@@ -145,29 +145,36 @@ class Run:
         """Names of the controller's terminals, in the order of `inputs`; empty where the log does not say."""
         return tuple(self.context.get("terminals", "").split())
 
+    def number(self, key: str, above: float = -math.inf) -> float:
+        """Return a number of the context; NaN where it has none, or one that no run has: logs get edited.
+
+        Args:
+            key: Its name.
+            above: What it is more than in any run.
+        """
+        try:
+            value = float(self.context[key])
+        except (KeyError, ValueError):
+            return math.nan
+        return value if math.isfinite(value) and value > above else math.nan
+
     @property
     def control_period(self) -> float:
         """Time from tick to tick [s]: as the context says, else the median of the schedule; NaN for one tick."""
-        try:
-            return float(self.context["control_period"])
-        except (KeyError, ValueError):
-            return float(np.median(np.diff(self.scheduled))) if self.scheduled.size > 1 else math.nan
+        told = self.number("control_period", above=0.0)
+        if math.isfinite(told):
+            return told
+        return float(np.median(np.diff(self.scheduled))) if self.scheduled.size > 1 else math.nan
 
     @property
     def goal_m(self) -> float:
         """Where the lamp was sent [m]; NaN where the log does not say."""
-        try:
-            return float(self.context["goal_m"])
-        except (KeyError, ValueError):
-            return math.nan
+        return self.number("goal_m")
 
     @property
     def answer_wire(self) -> float:
         """How long a reading's packets are on the line [s]; NaN where the log does not say."""
-        try:
-            return float(self.context[ANSWER_WIRE])
-        except (KeyError, ValueError):
-            return math.nan
+        return self.number(ANSWER_WIRE, above=0.0)
 
     @property
     def missed_ticks(self) -> int:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from robolamp.cli.main import main
+from robolamp.compare.alone import Alone, alone_of
 from robolamp.compare.ending import ending_of
 from robolamp.compare.flights import Flight, Hop, flights, hops
 from robolamp.compare.landing import Landing, landing_of
@@ -18,6 +19,7 @@ from robolamp.compare.motion import truth_of
 from robolamp.compare.replay import replay
 from robolamp.compare.run import compare_joints
 from robolamp.compare.side import of_replay, of_run
+from robolamp.compare.task import task_of
 from robolamp.compare.tolerances import load_tolerances
 from robolamp.compare.verdict import verdict_of
 from robolamp.emulator.faults import Event
@@ -277,3 +279,68 @@ def test_the_truth_beside_a_log_is_found_and_another_runs_is_passed_over(good, t
     assert truth_of(other, None) is None
     with pytest.raises(FileError, match="it is of another run"):
         truth_of(other, tmp_path / "truth.mcap")
+
+
+def told_of(run: Run, path: Path):
+    lamp = of_run(run, read_truth(path.with_name("truth.mcap")), "lamp")
+    twin = of_replay(run, replay(run, LAMP, CALIBRATION, ASSETS))
+    joints = compare_joints(run, lamp, twin)
+    return verdict_of(
+        run, [ending_of(run)], joints, hops(flights(lamp, LAMP), flights(twin, LAMP)), lamp, twin, ALLOWED
+    )
+
+
+def rows_of(run: Run, keep: np.ndarray) -> Run:
+    """Return some ticks of a run."""
+    fields = {field.name: getattr(run, field.name) for field in dataclasses.fields(run)}
+    cut = {name: value[keep] for name, value in fields.items() if isinstance(value, np.ndarray)}
+    faults = [one for one, kept in zip(run.faults, keep, strict=True) if kept]
+    return dataclasses.replace(run, **cut, faults=faults)
+
+
+def test_ticks_that_a_log_lost_are_not_inside(good):
+    """A damaged log that was recovered may lack a part in the middle, in which nobody knows what the lamp did."""
+    run = read_run(good)
+    late = np.flatnonzero(run.phase == "run")[-40:-10]  # at rest: the rest of the run is all the same
+    found = told_of(rows_of(run, ~np.isin(np.arange(run.index.size), late)), good)
+    assert found.word == "outside"
+    assert found.exceeded == ("30 of 200 ticks are missing in the log, allowed 0.0%",)
+
+
+def test_a_few_ticks_of_the_controller_are_too_few_whatever_else_is_in_the_log(good):
+    run = read_run(good)
+    driven = np.flatnonzero(run.phase == "run")
+    phase = run.phase.copy()
+    phase[driven[5:]] = "landing"
+    found = told_of(dataclasses.replace(run, phase=phase), good)
+    assert "too few readings: 5 ticks of the controller" in found.unknown
+
+
+def test_a_ruler_does_not_hide_a_fall_that_the_foot_tells_of(good):
+    run = read_run(good)
+    force = np.where(run.began > run.began[-1] - 1.0, 0.0, run.foot_force)
+    lying = dataclasses.replace(run, foot_force=force)
+    alone = Alone(travel=0.3, hops=4, flown=4, hit=True)
+    for landing, word in ((Landing(travel=0.3), "not done"), (Landing(travel=0.3, fell=False), "done")):
+        assert task_of(lying, LAMP, ending_of(run), landing, alone, 0.015).word == word
+
+
+@pytest.mark.parametrize("text", ["inf", "nan", "-3", "0"])
+def test_numbers_that_no_run_has_are_as_if_the_log_did_not_say(good, text):
+    run = read_run(good)
+    keys = ("duration_s", "control_period", "answer_wire_s")
+    odd = dataclasses.replace(run, context=run.context | dict.fromkeys(keys, text))
+    assert odd.control_period == pytest.approx(0.02)
+    assert math.isnan(odd.answer_wire)
+    alone = alone_of(odd, ending_of(odd), LAMP, CALIBRATION, ASSETS, 0.015)
+    assert alone.travel == pytest.approx(0.297, abs=0.002)
+    assert math.isnan(dataclasses.replace(run, context=run.context | {"goal_m": "inf"}).goal_m)
+    flight = dataclasses.replace(run, context=run.context | {"flight_time_s": text})
+    assert "flight_time_s is" in alone_of(flight, ending_of(run), LAMP, CALIBRATION, ASSETS, 0.015).why
+
+
+def test_a_lamp_that_stands_still_tells_no_zero(tmp_path, capsys):
+    """Stiction bears what a joint weighs wherever it stands: a neck 64 mrad off explained a difference of nothing."""
+    log = dry_run(tmp_path, controller=constant(tmp_path, 0.0, 0.0, 0.0), goal=0.01)
+    _, said = compare(capsys, log)
+    assert [cause["knob"] for cause in said["diagnosis"]] == []

@@ -13,7 +13,7 @@ from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.controller.file import load_controller
 from robolamp.controller.pilot import Pilot
-from robolamp.emulator.faults import Event, Faults
+from robolamp.emulator.faults import Event, Faults, Rates
 from robolamp.emulator.lamp import EmulatedLamp
 from robolamp.emulator.lockstep import Lockstep
 from robolamp.emulator.reality import Reality, load_reality
@@ -112,6 +112,26 @@ def test_at_the_wrong_rate_there_is_silence() -> None:
     assert PacketHandler(2.0).ping(lockstep.servo_port, 1)[1] == COMM_RX_TIMEOUT
     assert lockstep.servo_port.setBaudRate(1_000_000)
     assert PacketHandler(2.0).ping(lockstep.servo_port, 1)[1] == COMM_SUCCESS
+
+
+def test_bytes_that_cross_on_the_line_arrive_in_order_of_time() -> None:
+    """Bytes to come stood before some that had arrived, and a read of as many gave none, though no time passed."""
+    twice = [Event("duplicated", stream=stream, packet=1, packets=20) for stream in ("instruction", "status")]
+    _, lockstep = rig(Faults("x", events=tuple(twice)))
+    port = lockstep.servo_port
+    for _ in range(10):
+        port.writePort(read(1, 132, 4) + read(2, 132, 4))
+        port.setPacketTimeoutMillis(1.0)
+        before = lockstep.clock.now()
+        assert port.readPort(15) or port.isPacketTimeout()
+        assert lockstep.clock.now() > before
+
+
+def test_a_run_on_a_line_that_doubles_packets_ends() -> None:
+    rates = {stream: Rates(duplicated=0.2) for stream in ("instruction", "status")}
+    result, ticks, _ = hop(Faults("x", rates=rates))
+    assert result.reason or result.ended == "finished"
+    assert ticks
 
 
 def test_an_unplugged_port_comes_back() -> None:
