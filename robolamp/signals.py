@@ -46,6 +46,10 @@ class Health:
         return cls(gap.copy(), gap.copy(), gap.copy(), np.full(n, -1), np.full(n, -1))
 
 
+ASKED_AGAIN = "answered only when asked again"
+"""The fault of a servo whose reading is there, though its first answer was not."""
+
+
 @dataclass
 class Observation:
     """What the lamp measured at one tick. A value that is missing is NaN; its age keeps growing.

@@ -21,6 +21,7 @@ class Tolerances:
         travel: Difference of the base's travel, where it is known [m].
         hop: Difference of each hop's take-off, landing and flight time [s].
         missing: Share of a joint's, or the foot's, readings that may be missing.
+        asked_again: Share of a joint's readings that may have come only when asked again.
         goal: Distance from the goal at which the task is done [m].
         path: The file.
     """
@@ -31,6 +32,7 @@ class Tolerances:
     travel: float
     hop: float
     missing: float
+    asked_again: float
     goal: float
     path: Path
 
@@ -55,6 +57,7 @@ def load_tolerances(assets: Assets, name: str | Path = "default") -> Tolerances:
         travel=root.number("travel", 0.0, 10.0, "m"),
         hop=root.number("hop", 0.0, 10.0, "s", default=0.08),
         missing=root.number("missing", 0.0, 1.0, default=0.0),
+        asked_again=root.number("asked_again", 0.0, 1.0, default=0.01),
         goal=root.number("goal", 0.0, 1.0, "m", default=GOAL_RADIUS),
         path=path,
     )

@@ -19,7 +19,7 @@ from robolamp.lamp import Lamp
 from robolamp.robot.frame import JointFrame
 from robolamp.robot.preflight import preflight
 from robolamp.robot.roll import check_alone
-from robolamp.signals import Clock, Command, Health, Observation
+from robolamp.signals import ASKED_AGAIN, Clock, Command, Health, Observation
 
 WATCHDOG = 0.2
 """Silence on the bus after which each servo stops by itself [s]: ten ticks at 50 Hz (Bus Watchdog(98))."""
@@ -288,7 +288,7 @@ class RobotLamp:
         self._unknown = np.where(state.torque < 0, self._unknown + present, 0)  # no answer at all tells nothing of it
         said = (
             ("no answer", ~present),
-            ("answered only when asked again", state.asked_again & present),
+            (ASKED_AGAIN, state.asked_again & present),
             ("a goal did not arrive", state.goal_lost),
             ("condition unknown", present & (self._unknown >= _CONDITION_TICKS)),
         )

@@ -25,6 +25,7 @@ from robolamp.compare.verdict import verdict_of
 from robolamp.emulator.faults import Event
 from robolamp.errors import FileError
 from robolamp.log.reader import Run, Truth, read_run, read_truth
+from robolamp.signals import ASKED_AGAIN
 
 from .driven import constant, dry_run
 from .lamps import ASSETS, CALIBRATION, LAMP, write_run
@@ -46,7 +47,7 @@ def compare(capsys, *words) -> tuple[int, dict]:
 def test_a_good_run_is_done_and_inside_by_the_truth_beside_its_log(good, tmp_path, capsys):
     code, said = compare(capsys, good, "--no-diagnosis", "-o", tmp_path / "r.html")
     assert (code, said["task"], said["verdict"], said["verdict_why"]) == (0, "done", "inside", [])
-    assert said["task_why"][0].startswith("landed at 29.7 cm for a goal of 30.0 cm")
+    assert said["task_why"][0].startswith("landed at 29.8 cm for a goal of 30.0 cm")
     assert said["hops"] == said["hops_flown"] == said["twin_alone_hops"]
     assert said["twin_alone_m"] == pytest.approx(said["travel_m"], abs=0.005)
     assert said["twin_alone_fell"] is False
@@ -229,6 +230,20 @@ def test_what_is_missing_or_unlike_is_never_inside(judged, change, word, why):
     found, reasons = change(judged)
     assert found == word
     assert why in "; ".join(reasons)
+
+
+def _asked_again(run: Run, ticks: int) -> Run:
+    faults = list(run.faults)
+    for row in np.flatnonzero(run.phase == "run")[:ticks]:
+        faults[row] = (f"knee: {ASKED_AGAIN}",)
+    return dataclasses.replace(run, faults=faults)
+
+
+@pytest.mark.parametrize(("ticks", "word"), [(2, "inside"), (3, "outside")])
+def test_an_answer_that_was_there_when_asked_again_is_a_fault_where_it_is_often(judged, ticks, word):
+    found, reasons = judged.verdict(_asked_again(judged.run, ticks))
+    assert found == word
+    assert reasons == (f"a fault while the controller drove: knee: {ASKED_AGAIN} (3 ticks)",) * (ticks == 3)
 
 
 def _truth(good: Path, **changed) -> tuple[Run, Truth]:

@@ -30,21 +30,21 @@ def matrix() -> Iterator[ModuleType]:
 
 
 @pytest.mark.parametrize(
-    ("kind", "outcome"),
+    ("kind", "outcome", "within"),
     [
-        ("instruction dropped", "recovered"),
-        ("status duplicated", "recovered"),
-        ("foot corrupted", "recovered"),
-        ("servo loses its id", "stopped"),
-        ("servo silent for good", "frozen"),
-        ("servo port unplugged", "stopped"),
-        ("foot stuck 1 s", "stopped"),
+        ("instruction dropped", "recovered", 0.3),
+        ("status duplicated", "recovered", 0.3),
+        ("foot corrupted", "recovered", 0.3),
+        ("servo loses its id", "stopped", 0.3),
+        ("servo silent for good", "frozen", 0.3),
+        ("servo port unplugged", "stopped", 0.3),
+        ("foot stuck 1 s", "stopped", 1.0),  # not before the lamp moves
     ],
 )
-def test_a_fault_is_noticed_and_ends_well(matrix: ModuleType, kind: str, outcome: str) -> None:
+def test_a_fault_is_noticed_and_ends_well(matrix: ModuleType, kind: str, outcome: str, within: float) -> None:
     found = matrix.one((kind, 1))
     assert (found.outcome, found.outside) == (outcome, 0), found
-    assert 0.0 <= found.detected < 0.3
+    assert 0.0 <= found.detected < within
 
 
 @pytest.mark.slow
