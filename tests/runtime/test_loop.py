@@ -643,13 +643,18 @@ def test_the_reason_is_of_the_fault_that_ended_it() -> None:
 
 def test_servos_that_fall_silent_again_and_again_end_the_run() -> None:
     ticks: list[Tick] = []
+    back = [START_TICKS]  # how many ticks there were, each time that they answered again
+
+    def reconnect() -> bool:
+        back.append(len(ticks))
+        return True
 
     def spoil(observation: Observation) -> None:
-        if len(ticks) > START_TICKS + 10 and len(ticks) % 10:  # they answer when they are looked for
+        if len(ticks) > back[-1] + 10:
             observation.angle[:] = np.nan
             observation.angle_age[:] = ANGLE_AGE * 1.01
 
     lamp = FakeLamp(spoil)
-    result = run(lamp, Wave(), LAMP, on_tick=ticks.append, reconnect=lambda: True)
+    result = run(lamp, Wave(), LAMP, on_tick=ticks.append, reconnect=reconnect)
     said = f"no servo has answered for {ANGLE_AGE:g} s; silent again and again for 60 s"
     assert (result.ended, result.reason, lamp.torques[-1]) == ("cut", said, False)
