@@ -309,6 +309,7 @@ def _foot(port: str, lamp: Lamp, weight: float | None, ask: Ask | None) -> dict[
 
 def _check(port: str, foot_port: str, lamp: Lamp, fix: bool) -> dict[str, Any]:
     from robolamp.robot.lamp import RobotLamp
+    from robolamp.robot.setup import check_strangers
     from robolamp.runtime.clock import MonotonicClock
     from robolamp.runtime.schedule import MAX_PERIOD, PERIOD, check_period, least_period
 
@@ -319,6 +320,7 @@ def _check(port: str, foot_port: str, lamp: Lamp, fix: bool) -> dict[str, Any]:
         transport = robot.transport
     finally:
         robot.close()
+    check_strangers(port, MonotonicClock(), lamp)
     least = least_period(lamp)
     if least > PERIOD:
         robot.notices.append(

@@ -15,6 +15,7 @@ import numpy as np
 
 from robolamp.calibration import Calibration
 from robolamp.compare.align import JointError
+from robolamp.compare.course import SAG
 from robolamp.compare.explain import Account, Explanation
 from robolamp.compare.hopcount import count_hops
 from robolamp.compare.knobs import SLOW_LINE
@@ -33,6 +34,8 @@ GAPS = 0.01
 """Share of readings that did not arrive, or of ticks that were missed."""
 DRIFT = 500e-6
 """Rate by which the two clocks may differ: crystals are within 100 ppm, and a lag is known to some 0.3 ms."""
+SAGGED = 3
+"""Ticks from which on a fall of the supply is no single odd reading."""
 STANDING = 10
 """Fewer readings than this have no median that stands for them."""
 SATURATED = 0.98
@@ -216,6 +219,21 @@ def _facts(run: Run, one: Explanation, joints: Sequence[JointError]) -> Iterator
             yield f"it reads {np.median(standing):.2f} N standing still"
 
 
+def _sagged(run: Run, calibration: Calibration) -> Iterator[Finding]:
+    """Yield that the supply fell by more than the currents make it fall in the twin."""
+    volts = np.ma.masked_invalid(run.voltage).mean(axis=1).filled(math.nan)
+    own = volts + calibration.lamp("supply_resistance") * np.abs(run.current).sum(axis=1)
+    known = np.isfinite(own)
+    low = known & (own <= (np.median(own[known]) if known.any() else 0.0) - SAG)
+    if (ticks := int(np.count_nonzero(low))) >= SAGGED:
+        yield Finding(
+            f"the supply sagged to {volts[low].min():.1f} V",
+            f"{ticks} ticks at {SAG:g} V or more below the usual {np.median(volts[known]):.1f} V, "
+            "beyond what the twin's supply gives way",
+            "use thicker or shorter cables and a supply that holds its voltage at the largest current",
+        )
+
+
 def complaints(run: Run, joints: Sequence[JointError], calibration: Calibration, lamp: Lamp) -> Iterator[Finding]:
     """Yield what the log says by itself, without a twin.
 
@@ -262,6 +280,7 @@ def complaints(run: Run, joints: Sequence[JointError], calibration: Calibration,
             f"{run.missed_ticks} ticks missed ({share:.1%})",
             "leave the computer to the loop, or lengthen the control period",
         )
+    yield from _sagged(run, calibration)
     drifts = [joint.drift for joint in joints if math.isfinite(joint.drift)]
     errors = [joint.drift_stderr for joint in joints if math.isfinite(joint.drift)]
     if drifts and abs(drift := float(np.median(drifts))) >= max(DRIFT, 4 * float(np.median(errors))):

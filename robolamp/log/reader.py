@@ -41,6 +41,7 @@ _TIMES = ("scheduled", "read_done", "write_done", "measured_at")  # of a tick, b
 _NEAR = 60.0  # of a tick's times to its beginning [s]: chosen; a loop that is so late has long ended its run
 _LONGEST = 86_400.0  # chosen: a day; the longest run has 600 s and its pauses [s]
 
+_LARGEST = 1e6  # chosen: no number of a run's context is as large, whatever its unit
 _GRID = 0.001  # control periods by which a tick may be off its schedule's grid by rounding
 
 
@@ -156,7 +157,7 @@ class Run:
             value = float(self.context[key])
         except (KeyError, ValueError):
             return math.nan
-        return value if math.isfinite(value) and value > above else math.nan
+        return value if abs(value) < _LARGEST and value > above else math.nan
 
     @property
     def control_period(self) -> float:

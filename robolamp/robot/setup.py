@@ -134,6 +134,37 @@ def assign(port: str | Port, clock: Clock, found: Found, id: int, baud: int, oth
         bus.close()
 
 
+def check_strangers(port: str | Port, clock: Clock, lamp: Lamp) -> None:
+    """Refuse servos on the line that are no joint's and would obey what is written to one.
+
+    Args:
+        port: The servo port.
+        clock: Measures timeouts.
+        lamp: The description.
+
+    Raises:
+        SafetyError: There are some; the message names them all.
+        BusError: The port cannot be used, or such a servo does not answer.
+    """
+    joints = {joint.id: joint.name for joint in lamp.joints}
+    said: list[str] = []
+    bus = Bus(port, lamp.bus_baud, clock, patience=PATIENCE)
+    bus.open()
+    try:
+        for servo in sorted(set(bus.present()) - set(joints)):
+            identity = bus.ping(servo)
+            model = model_by_number(identity.model_number) if identity else None
+            if model and (shadow := bus.read(servo, model[Name.SHADOW_ID])) in joints:
+                said.append(
+                    f"servo {servo}, which is no joint's: Secondary(Shadow) ID(12) is {shadow}, not 255: it would obey "
+                    f"what is written to the {joints[shadow]}; unplug it, or write 255"
+                )
+    finally:
+        bus.close()
+    if said:
+        raise SafetyError(f"not ready: {'; '.join(said)}", bus.name)
+
+
 def _answers_all(bus: Bus, servo: int, model: Model) -> None:
     """Refuse a servo that would not confirm what is written to it."""
     level = model[Name.STATUS_RETURN_LEVEL]

@@ -324,12 +324,23 @@ class _Loop:
         try:
             if not self._reconnect() or self._stop.requests:
                 return False
+            self._note_torque()
             self._goal = first_goal(present_pose(self._backend, self._lamp), self._lamp, self._period)
             self._power()
         except BusError as error:  # gone again, or not ready yet
             self._kept = str(error)
             return False
         return True
+
+    def _note_torque(self) -> None:
+        """Note whose torque went off meanwhile: where it hung is not where the run left it."""
+        off = self._backend.observe().health.torque == 0
+        for index in np.flatnonzero(off & self._powered):
+            text = (
+                f"{self._lamp.names[index]}: its torque was off when it came back; it was without supply or restarted"
+            )
+            self._say("warning", text)
+            self._guard.faults[text] += 1
 
     def _awake(self) -> None:
         """End the run if the computer slept: the servos' watchdogs have stopped the lamp meanwhile.

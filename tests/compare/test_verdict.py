@@ -359,3 +359,12 @@ def test_a_lamp_that_stands_still_tells_no_zero(tmp_path, capsys):
     log = dry_run(tmp_path, controller=constant(tmp_path, 0.0, 0.0, 0.0), goal=0.01)
     _, said = compare(capsys, log)
     assert [cause["knob"] for cause in said["diagnosis"]] == []
+
+
+def test_a_supply_that_sagged_is_told_of(good, tmp_path, capsys):
+    sagged = dry_run(tmp_path, event=Event("sag", at=4.0, volts=0.6, lasts=1.0))
+    said = {log: compare(capsys, log)[1]["diagnosis"] for log in (good, sagged)}
+    assert [[each["cause"] for each in causes if "sagged" in each["cause"]] for causes in said.values()] == [
+        [],
+        ["the supply sagged to 4.4 V"],
+    ]

@@ -23,7 +23,7 @@ from robolamp.emulator.servos_file import BareServo
 from robolamp.errors import BusError, RobolampError, SafetyError
 from robolamp.lamp import Lamp
 from robolamp.robot.lamp import RobotLamp
-from robolamp.robot.setup import assign, scan
+from robolamp.robot.setup import assign, check_strangers, scan
 
 ASSETS = Assets()
 A, C = "XL330-M288-T", "XL430-W250-T"
@@ -132,6 +132,17 @@ def test_a_second_servo_that_answers_no_reads_is_found_before_a_run() -> None:
     with pytest.raises(SafetyError, match=rf"knee \(id 2\): {DOUBLED}"):
         robot.open()
     assert not any(each.register(Name.TORQUE_ENABLE) for each in world.servos)
+
+
+def test_a_stranger_that_would_obey_what_a_joint_is_told_is_named() -> None:
+    world = BareServos([servo(joint.id) for joint in LAMP.joints] + [servo(9), servo(10, C)])
+    ports = Lockstep(world, 1_000_000)
+    check_strangers(ports.servo_port, ports.clock, LAMP)
+    for stranger in world.servos[3:]:
+        stranger.put(Name.SHADOW_ID, 2)
+    said = r"servo 9, which is no joint's.*obey what is written to the knee.*servo 10, which is no joint's"
+    with pytest.raises(SafetyError, match=said):
+        check_strangers(ports.servo_port, ports.clock, LAMP)
 
 
 @pytest.mark.parametrize("fix", [False, True])

@@ -60,6 +60,16 @@ def test_a_foot_that_comes_back_later_than_the_servos_is_taken_up(tmp_path: Path
     assert (result.ended, result.replugs) == ("finished", 1), result.reason
 
 
+def test_a_servo_that_restarts_meanwhile_is_told_of(tmp_path: Path) -> None:
+    gone = Event("unplugged", at=2.6, lasts=0.5)
+    result = driven_with(tmp_path / "log.mcap", gone, Event("reboot", at=2.7, servo=2))
+    assert (result.ended, result.replugs) == ("finished", 1), result.reason
+    said = "knee: its torque was off when it came back; it was without supply or restarted"
+    assert result.faults[said] == 1
+    assert said in [text for _, level, text in read_run(tmp_path / "log.mcap").events if level == "warning"]
+    assert said not in driven_with(tmp_path / "other.mcap", gone).faults
+
+
 @pytest.mark.parametrize(
     ("event", "said"),
     [
