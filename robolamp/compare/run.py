@@ -218,7 +218,7 @@ def _lay_over(
         calibration=calibration,
         tolerances=allowed,
         task=task_of(run, lamp, ending, landing, alone, allowed.goal),
-        judged=verdict_of(run, endings, joints, found, ours, other, allowed),
+        judged=verdict_of(run, endings, joints, found, ours, other, allowed, reference),
         alone=alone,
         landing=landing,
         diagnosis=(),

@@ -61,6 +61,7 @@ def verdict_of(
     lamp: Side,
     other: Side,
     allowed: Tolerances,
+    reference: Run | None = None,
 ) -> Verdict:
     """Return whether what the lamp is held against explains what it did.
 
@@ -75,13 +76,16 @@ def verdict_of(
         lamp: What the lamp did.
         other: What it is held against.
         allowed: The tolerances.
+        reference: The other one's log, where two logs are compared.
     """
     rows = compared(run) & ~silent(run)  # a port that was away for a while is no reading that went missing
     missing = np.count_nonzero(~np.isfinite(run.angle[rows]), axis=0).tolist()
     exceeded = [
-        *_fell(lamp, other), *_joints(joints, missing, allowed), *_hops(hops, allowed, lamp, other),
-        *_travel(lamp, other, allowed), *_foot(run, rows, allowed), *_lost(run, allowed), *_faults(run, allowed),
+        *_fell(lamp, other), *_joints(joints, allowed), *_hops(hops, allowed, lamp, other),
+        *_travel(lamp, other, allowed), *_gaps(run, allowed),
     ]  # fmt: skip
+    if reference:
+        exceeded += [f"{other.name}: {text}" for text in _gaps(reference, allowed)]
     unknown = [*_ended(endings, other), *_unknown(run, joints, missing, lamp, other, rows)]
     if len(endings) == 1 and not math.isfinite(lamp.travel - other.travel):
         unknown.append("travel unknown: nothing measured how far the lamp came")
@@ -96,8 +100,8 @@ def _fell(lamp: Side, other: Side) -> Iterator[str]:
         yield f"the {fell.name} fell" + ("" if stood.fell is None else f", the {stood.name} did not")
 
 
-def _joints(joints: Sequence[JointError], missing: Sequence[int], allowed: Tolerances) -> Iterator[str]:
-    for joint, gone in zip(joints, missing, strict=True):
+def _joints(joints: Sequence[JointError], allowed: Tolerances) -> Iterator[str]:
+    for joint in joints:
         if joint.after.mae > allowed.joint_mae:
             yield (
                 f"{joint.name}: MAE {joint.after.mae * 1e3:.1f} mrad with the lag removed, "
@@ -105,8 +109,6 @@ def _joints(joints: Sequence[JointError], missing: Sequence[int], allowed: Toler
             )
         if abs(joint.lag) > allowed.lag:
             yield f"{joint.name}: lag {joint.lag * 1e3:+.1f} ms, allowed {allowed.lag * 1e3:.1f} ms"
-        if gone > allowed.missing * joint.of:
-            yield f"{joint.name}: {gone} of {joint.of} readings are missing, allowed {allowed.missing:.1%}"
 
 
 def _hops(hops: Sequence[Hop], allowed: Tolerances, lamp: Side, other: Side) -> Iterator[str]:
@@ -130,10 +132,17 @@ def _travel(lamp: Side, other: Side, allowed: Tolerances) -> Iterator[str]:
         )
 
 
-def _foot(run: Run, rows: np.ndarray, allowed: Tolerances) -> Iterator[str]:
-    gone, of = int(np.count_nonzero(~np.isfinite(run.foot_force[rows]))), int(np.count_nonzero(rows))
-    if gone > allowed.missing * of:
-        yield f"foot: {gone} of {of} readings are missing, allowed {allowed.missing:.1%}"
+def _gaps(run: Run, allowed: Tolerances) -> Iterator[str]:
+    """Yield what is missing in a log, and its faults."""
+    rows = compared(run) & ~silent(run)
+    of = int(np.count_nonzero(rows))
+    readings = [*zip(run.joints, run.angle[rows].T, strict=True), ("foot", run.foot_force[rows])]
+    for name, values in readings:
+        gone = int(np.count_nonzero(~np.isfinite(values)))
+        if gone > allowed.missing * of:
+            yield f"{name}: {gone} of {of} readings are missing, allowed {allowed.missing:.1%}"
+    yield from _lost(run, allowed)
+    yield from _faults(run, allowed)
 
 
 def _lost(run: Run, allowed: Tolerances) -> Iterator[str]:

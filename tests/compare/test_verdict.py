@@ -368,3 +368,11 @@ def test_a_supply_that_sagged_is_told_of(good, tmp_path, capsys):
         [],
         ["the supply sagged to 4.4 V"],
     ]
+
+
+def test_of_two_logs_the_faults_of_both_are_told(good, tmp_path, capsys):
+    faulty = dry_run(tmp_path / "other", event=Event("silent", at=4.0, lasts=0.05, servo=2))
+    for pair in ((good, faulty), (faulty, good)):
+        _, said = compare(capsys, *pair, "--no-diagnosis", "-o", tmp_path / "r.html")
+        assert said["verdict"] == "outside"
+        assert [text for text in said["verdict_why"] if "knee: no answer" in text], said["verdict_why"]
