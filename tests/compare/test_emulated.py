@@ -64,7 +64,7 @@ def test_a_log_says_how_long_answers_are_on_the_wire(straight):
 
 def test_a_noisy_encoder_is_named_first_with_its_size(tmp_path):
     sizes = []
-    for seed in range(1, 6):
+    for seed in range(1, 10):
         noisy = replace(NONE, encoder_noise=np.array([0.0, 0.0, 0.0015]), seed=seed)
         log = hop(tmp_path / f"{seed}.mcap", noisy)
         first = explain(Evidence(read_run(log), LAMP, CALIBRATION, ASSETS), LAMP).causes[0]
