@@ -53,7 +53,7 @@ STARTED = 2.1  # s of lamp time: the soft start is over, the controller drives
 HIT, REST, TILT = 0.015, 0.005, np.radians(15)  # m, m in the last half second, rad
 GOOD, MISS, BROKEN = "good", "miss", "broken"
 CELLS = ("done, inside", "done, outside", "not done, inside", "not done, outside", "cannot say")
-TRIES = 12  # seeds of one place
+TRIES = 60  # seeds of one place: of lamps drawn at random few fall
 
 
 @dataclass(frozen=True)
