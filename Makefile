@@ -23,7 +23,7 @@ test-slow: $(VENV)/developed opengl browser  ## the tests that take more than a 
 test-realtime: $(VENV)/developed  ## the tests against the real clock, three times on a machine made busy
 	@busy=; for each in 1 2 3 4 5 6 7 8 9 10 11 12; do while :; do :; done & busy="$$busy $$!"; done; \
 	trap "kill $$busy" EXIT; trap 'exit 130' INT; trap 'exit 143' TERM HUP; \
-	for each in 1 2 3; do $(BIN)/python -m pytest -m realtime $$(grep -rl mark.realtime tests --include='test_*.py') || exit 1; done
+	for each in 1 2 3; do $(BIN)/python -m pytest -m realtime -n 2 --dist loadfile $$(grep -rl mark.realtime tests --include='test_*.py') || exit 1; done
 
 lint: $(VENV)/developed  ## ruff, pyright, import floors
 	$(BIN)/ruff check .

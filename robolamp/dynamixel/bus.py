@@ -158,6 +158,20 @@ class Bus:
             self._patience = before
 
     @contextlib.contextmanager
+    def hasty(self, patience: float) -> Iterator[None]:
+        """Wait no longer for any answer inside the `with`: for questions asked in many ways, one after another.
+
+        Args:
+            patience: How long beyond its time on the wire [s]; where less is in force already, that.
+        """
+        before = self._patience
+        self._patience = min(before, patience)
+        try:
+            yield
+        finally:
+            self._patience = before
+
+    @contextlib.contextmanager
     def at_rate(self, baud: int) -> Iterator[bool]:
         """Use another baud rate inside the `with`; yields whether the port has it.
 

@@ -25,6 +25,9 @@ BABBLE = "bytes come that nobody asked for: is this the servos' port?"
 
 _NEW = 1  # id of a new servo
 _TRIES = 2  # pings of an id at a rate
+_HINT_PATIENCE = (
+    0.1  # s: for each of them, and there are dozens; chosen: a busy computer is seldom late twice
+)
 
 
 @dataclass(frozen=True)
@@ -145,7 +148,7 @@ def _hints(lamp: Lamp, bus: Bus, silent: Sequence[int], babble: bool) -> dict[in
     for rate in RATES:
         if rate == lamp.bus_baud:
             continue
-        with bus.at_rate(rate) as has:
+        with bus.at_rate(rate) as has, bus.hasty(_HINT_PATIENCE):
             for id in {_NEW, *(joint.id for joint in joints.values())} if has else ():
                 if bus.ping(id, attempts=_TRIES) is not None:
                     rates.setdefault(id, rate)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from dynamixel.responder import Responder
+from sleeper import bears
 
 from robolamp.assets import Assets
 from robolamp.dynamixel.registers import MODELS, Name
@@ -195,6 +196,7 @@ def test_reconnecting_needs_every_servo(line: Responder, ready: RobotLamp) -> No
     assert ready.reconnect()
 
 
+@bears(0.05)
 def test_observation_in_joint_terms(line: Responder, ready: RobotLamp) -> None:
     for servo in line.servos.values():
         servo[Name.PRESENT_POSITION] = 2048 + 100
