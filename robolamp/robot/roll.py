@@ -25,9 +25,7 @@ BABBLE = "bytes come that nobody asked for: is this the servos' port?"
 
 _NEW = 1  # id of a new servo
 _TRIES = 2  # pings of an id at a rate
-_HINT_PATIENCE = (
-    0.1  # s: for each of them, and there are dozens; chosen: a busy computer is seldom late twice
-)
+_HINT_PATIENCE = 0.1  # s: for each of them, and there are dozens; chosen: a busy computer is seldom late twice
 
 
 @dataclass(frozen=True)

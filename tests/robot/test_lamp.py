@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from dynamixel.responder import Responder
-from sleeper import bears
+from sleeper import eventually
 
 from robolamp.assets import Assets
 from robolamp.dynamixel.registers import MODELS, Name
@@ -196,7 +196,6 @@ def test_reconnecting_needs_every_servo(line: Responder, ready: RobotLamp) -> No
     assert ready.reconnect()
 
 
-@bears(0.05)
 def test_observation_in_joint_terms(line: Responder, ready: RobotLamp) -> None:
     for servo in line.servos.values():
         servo[Name.PRESENT_POSITION] = 2048 + 100
@@ -209,9 +208,15 @@ def test_observation_in_joint_terms(line: Responder, ready: RobotLamp) -> None:
     assert np.sign(seen.velocity).tolist() == np.sign(seen.current).tolist() == mirrored.tolist()
     assert np.sign(seen.health.pwm).tolist() == mirrored.tolist()
     assert seen.foot_force == 2.06
-    assert seen.foot_age < 0.1
-    assert (seen.angle_age < 0.1).all()
     assert seen.faults == ()
+
+
+def test_what_is_observed_is_fresh(ready: RobotLamp) -> None:
+    def fresh() -> bool:
+        seen = ready.observe()
+        return seen.foot_age < 0.1 and bool((seen.angle_age < 0.1).all())
+
+    assert eventually(fresh)  # a busy machine may be late, though not each time
 
 
 def test_goals_arrive_mirrored_where_mounted_mirrored(line: Responder, ready: RobotLamp) -> None:
