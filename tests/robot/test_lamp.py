@@ -45,7 +45,8 @@ class Foot:
         if not self.alive:
             return b""
         self.sequence += 1
-        return encode(Frame(self.sequence, self.sequence * 1000, self.force, self.saturated, self.disconnected))
+        microseconds = time.monotonic_ns() // 1000 % 2**32
+        return encode(Frame(self.sequence, microseconds, self.force, self.saturated, self.disconnected))
 
     def close(self) -> None:
         pass
