@@ -226,7 +226,7 @@ sys.path.insert(0, {str(HERE)!r})
 from pathlib import Path
 from robolamp.log import writer
 from ticks import JOINTS, make_tick
-writer.FLUSH_PERIOD = 60.0  # one chunk each time, so the same length
+writer.FLUSH_PERIOD = 60.0  # one chunk each time, so nearly the same length
 def write(count=3):
     log = writer.LogWriter({str(path)!r}, context={{}}, joints=JOINTS, now=100.0, lossless=True)
     for index in range(count):
@@ -235,7 +235,7 @@ def write(count=3):
     return log.error
 write()
 whole = Path({str(path)!r}).stat().st_size
-for missing in (1, 100, 1000):
+for missing in (50, 200, 1000):  # time stamps are packed to a few bytes more or less
     resource.setrlimit(resource.RLIMIT_FSIZE, (whole - missing, resource.RLIM_INFINITY))
     print(write())
 """
