@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import serial
+from sleeper import bears
 
 from robolamp.emulator.packet import HEADER
 
@@ -42,6 +43,7 @@ def ports() -> Iterator[dict[str, str]]:
 
 
 @pytest.mark.parametrize("kind", floods())
+@bears(0.02)
 def test_a_flood_takes_its_time_on_the_line_and_no_longer(ports: dict[str, str], kind: str) -> None:
     data = floods()[kind]
     heard = bytearray()
@@ -76,6 +78,7 @@ def test_a_flood_takes_its_time_on_the_line_and_no_longer(ports: dict[str, str],
     assert len(frames(bytes(heard))) > 0.8 * written * 500  # and nothing else stood still
 
 
+@bears(0.005)
 def test_a_packet_after_a_silence_is_heard_though_another_was_begun(ports: dict[str, str]) -> None:
     """A client that tries again sooner than an unfinished packet is given up is not deaf to the answers."""
     with serial.Serial(ports["servo_port"], BAUD, timeout=0.03) as port:
@@ -85,6 +88,7 @@ def test_a_packet_after_a_silence_is_heard_though_another_was_begun(ports: dict[
         assert len(port.read(14)) == 14
 
 
+@bears(0.005)
 def test_a_packet_written_in_two_halves_is_one(ports: dict[str, str]) -> None:
     with serial.Serial(ports["servo_port"], BAUD, timeout=1.0) as port:
         request = read(1, 132, 4)
