@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 from types import TracebackType
 from typing import TypeVar
 
@@ -47,6 +49,15 @@ class Sleeper:
             due = time.monotonic() + NAP
             time.sleep(NAP)
             self.late.note(due, time.monotonic())
+
+
+def waited(pid: int) -> float:
+    """How long a process was ready to run and had no processor [s], all its threads together; 0 where nobody says."""
+    found = 0
+    for stat in Path("/proc").glob(f"{pid}/task/*/schedstat"):
+        with contextlib.suppress(OSError):  # a thread that ended meanwhile
+            found += int(stat.read_text().split()[1])  # proc(5): ns on the run queue
+    return found * 1e-9
 
 
 def undisturbed(attempt: Callable[[], T], patience: float) -> T:

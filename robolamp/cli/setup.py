@@ -314,13 +314,13 @@ def _check(port: str, foot_port: str, lamp: Lamp, fix: bool) -> dict[str, Any]:
     from robolamp.runtime.schedule import MAX_PERIOD, PERIOD, check_period, least_period
 
     check_period(MAX_PERIOD, lamp)
+    check_strangers(port, MonotonicClock(), lamp)  # first: a refusal must not hide what --fix has mended
     robot = RobotLamp(lamp, port, foot_port, MonotonicClock(), fix=fix)
     try:
         robot.open()
         transport = robot.transport
     finally:
         robot.close()
-    check_strangers(port, MonotonicClock(), lamp)
     least = least_period(lamp)
     if least > PERIOD:
         robot.notices.append(

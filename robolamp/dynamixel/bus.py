@@ -143,29 +143,25 @@ class Bus:
         """Return what a servo is called in messages, as "knee (id 2)"."""
         return f"{self._labels[servo]} (id {servo})" if servo in self._labels else f"servo {servo}"
 
-    @contextlib.contextmanager
-    def patient(self, patience: float = SETTING_PATIENCE) -> Iterator[None]:
+    def patient(self, patience: float = SETTING_PATIENCE) -> contextlib.AbstractContextManager[None]:
         """Wait longer for every answer inside the `with`, to sync reads too: for what is asked outside a tick.
 
         Args:
             patience: How long beyond its time on the wire [s]; where more is in force already, that.
         """
-        before = self._patience
-        self._patience = max(before, patience)
-        try:
-            yield
-        finally:
-            self._patience = before
+        return self._waiting(max(self._patience, patience))
 
-    @contextlib.contextmanager
-    def hasty(self, patience: float) -> Iterator[None]:
+    def hasty(self, patience: float) -> contextlib.AbstractContextManager[None]:
         """Wait no longer for any answer inside the `with`: for questions asked in many ways, one after another.
 
         Args:
             patience: How long beyond its time on the wire [s]; where less is in force already, that.
         """
-        before = self._patience
-        self._patience = min(before, patience)
+        return self._waiting(min(self._patience, patience))
+
+    @contextlib.contextmanager
+    def _waiting(self, patience: float) -> Iterator[None]:
+        before, self._patience = self._patience, patience
         try:
             yield
         finally:
