@@ -145,6 +145,14 @@ def test_the_age_survives_the_wrap_of_the_sensors_clock() -> None:
     assert sensor.age == pytest.approx(0.0, abs=1e-4)
 
 
+def test_frames_that_arrive_late_after_the_wrap_are_old() -> None:
+    clock, source = Clock(), Source()
+    sensor = FootSensor(source, 115_200, clock)
+    stream(clock, source, sensor, 20, start=2**32 - 410_000)
+    stream(clock, source, sensor, 2, start=2**32 - 10_000, delay=0.015)  # 5 ms before the wrap, 15 ms after
+    assert sensor.age == pytest.approx(0.015, abs=1e-4)
+
+
 def test_a_restarted_sensor_is_young_again() -> None:
     clock, source = Clock(), Source()
     sensor = FootSensor(source, 115_200, clock)

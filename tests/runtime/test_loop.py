@@ -333,6 +333,18 @@ def test_a_servo_that_stays_on_is_a_fault() -> None:
     assert not [text for _, text in events if text.startswith("torque off")]
 
 
+def test_a_servo_that_did_not_hear_is_told_again() -> None:
+    class Deaf(FakeLamp):
+        def torque(self, on: bool) -> None:
+            super().torque(on)
+            self.on = on or len(self.torques) < 5
+
+    lamp = Deaf()
+    result = run(lamp, Wave(), LAMP, duration=0.1)
+    assert lamp.torques == [True, False, False, False, False]
+    assert (lamp.on, result.ended, result.faults) == (False, "finished", {})
+
+
 def test_missed_ticks_are_skipped_and_counted() -> None:
     """A tick that takes 50 ms: the two that were due meanwhile are not caught up in a burst."""
     ticks: list[Tick] = []
