@@ -37,8 +37,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[1]
 
 ROOMS = {  # patterns of its files, and the folders of its tests: its own first, then those of what uses it
@@ -230,20 +228,8 @@ class Copy:
         self._temporary.mkdir(exist_ok=True)
         path = f"{self.folder}:{self.folder / 'benchmarks'}"
         mark = f"{MARK}={self.folder}"
-        command = [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-p",
-            "mutants",
-            "-p",
-            "no:cacheprovider",
-            "-p",
-            "no:xdist",
-            "-q",
-            "--tb=line",
-        ]
-        command += ["-m", "not slow", "--hypothesis-seed=0", *options, *tests]
+        command = [sys.executable, "-m", "pytest", "-q", "--tb=line", "--hypothesis-seed=0", "-m", "not slow"]
+        command += ["-p", "_watcher", "-p", "no:cacheprovider", "-p", "no:xdist", *options, *tests]
         surroundings = {"PYTHONPATH": path, "TMPDIR": str(self._temporary), MARK: str(self.folder), "MUJOCO_GL": "egl"}
         with (self.folder.with_suffix(".txt")).open("wb") as output:
             process = subprocess.Popen(
@@ -255,7 +241,9 @@ class Copy:
             except subprocess.TimeoutExpired:
                 return None
             finally:
-                end_all(mark)
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)
+                end_all(mark)  # those that left its group
                 process.wait()
                 shutil.rmtree(self._temporary, ignore_errors=True)
                 shutil.rmtree(self.folder / ".hypothesis", ignore_errors=True)
@@ -507,104 +495,6 @@ def _run(left: list[Mutant], options: argparse.Namespace, log: Path, results: di
             for index in range(options.workers):
                 end_all(f"{MARK}={Path(place) / f'copy{index}'}")
             pool.shutdown()
-
-
-# pytest's side: this file is the plugin of the runs that it starts
-
-
-class _Lines:
-    """The lines of the copy's package that each test runs; what a wider fixture runs is its first test's."""
-
-    def __init__(self) -> None:
-        self._package = str(Path.cwd() / "robolamp") + "/"
-        self._ran: dict[str, set[int]] = defaultdict(set)
-        self.of_tests: dict[str, dict[str, list[int]]] = {}
-
-    def _enter(self, frame: Any, event: str, argument: Any) -> Any:
-        name = frame.f_code.co_filename
-        if not name.startswith(self._package):
-            return None
-        ran = self._ran[name]
-
-        def line(frame: Any, event: str, argument: Any) -> Any:
-            ran.add(frame.f_lineno)
-            return line
-
-        return line
-
-    def compiled(self, function: Any) -> None:
-        """Take note of a compiled function that is called, and of those that it calls."""
-        code, ran = function.py_func.__code__, self._ran[function.py_func.__code__.co_filename]
-        if code.co_firstlineno in ran:
-            return
-        ran |= {code.co_firstlineno, *(line for _, _, line in code.co_lines() if line is not None)}
-        for name in code.co_names:
-            if hasattr(called := function.py_func.__globals__.get(name), "py_func"):
-                self.compiled(called)
-
-    @contextlib.contextmanager
-    def of(self, test: str) -> Iterator[None]:
-        self._ran = defaultdict(set)
-        threading.settrace(self._enter)
-        sys.settrace(self._enter)
-        try:
-            yield
-        finally:
-            sys.settrace(None)
-            threading.settrace(None)  # type: ignore[arg-type]
-            root = str(Path.cwd()) + "/"
-            own = {name: lines for name, lines in self._ran.items() if name.startswith(self._package)}
-            self.of_tests[test] = {name.removeprefix(root): sorted(lines) for name, lines in own.items()}
-
-
-_lines, _times, _failed = _Lines(), Counter[str](), list[str]()
-
-
-def pytest_configure() -> None:
-    """See compiled functions called, too."""
-    if "MUTANTS_LINES" in os.environ:
-        from numba.core.dispatcher import Dispatcher
-
-        call = Dispatcher.__call__
-
-        def seen(function: Any, *words: Any, **more: Any) -> Any:
-            _lines.compiled(function)
-            return call(function, *words, **more)
-
-        Dispatcher.__call__ = seen
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Keep the tests of MUTANTS_ORDER, in its order."""
-    if "MUTANTS_ORDER" in os.environ:
-        rank = {test: index for index, test in enumerate(json.loads(Path(os.environ["MUTANTS_ORDER"]).read_text()))}
-        items[:] = sorted((item for item in items if item.nodeid in rank), key=lambda item: rank[item.nodeid])
-
-
-@pytest.hookimpl(hookwrapper=True)
-def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """See which lines a test runs."""
-    with _lines.of(item.nodeid) if "MUTANTS_LINES" in os.environ else contextlib.nullcontext():
-        yield
-
-
-def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    """Note how long a test takes, and the first that fails."""
-    _times[report.nodeid] += report.duration
-    if report.failed:
-        _failed.append(report.nodeid)
-        if "MUTANTS_FAILED" in os.environ:
-            clock = "realtime" if "realtime" in report.keywords else ""
-            Path(os.environ["MUTANTS_FAILED"]).write_text(f"{report.nodeid}\n{clock}")
-
-
-def pytest_sessionfinish() -> None:
-    """Write what was seen."""
-    if "MUTANTS_TIMES" in os.environ:
-        passed = {test: seconds for test, seconds in _times.items() if test not in _failed}
-        Path(os.environ["MUTANTS_TIMES"]).write_text(json.dumps(passed))
-    if "MUTANTS_LINES" in os.environ:
-        Path(os.environ["MUTANTS_LINES"]).write_text(json.dumps(_lines.of_tests))
 
 
 if __name__ == "__main__":
