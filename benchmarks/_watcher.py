@@ -17,6 +17,8 @@ from typing import Any
 
 import pytest
 
+_CALLS = 300  # of a function in a test: later ones are not watched, for time
+
 
 class _Lines:
     """The lines of the copy's package that each test runs; what a wider fixture runs is its first test's."""
@@ -24,11 +26,15 @@ class _Lines:
     def __init__(self) -> None:
         self._package = str(Path.cwd() / "robolamp") + "/"
         self._ran: dict[str, set[int]] = defaultdict(set)
+        self._calls: Counter[Any] = Counter()
         self.of_tests: dict[str, dict[str, list[int]]] = {}
 
     def _enter(self, frame: Any, event: str, argument: Any) -> Any:
         name = frame.f_code.co_filename
         if not name.startswith(self._package):
+            return None
+        self._calls[frame.f_code] += 1
+        if self._calls[frame.f_code] > _CALLS:
             return None
         ran = self._ran[name]
 
@@ -50,7 +56,7 @@ class _Lines:
 
     @contextlib.contextmanager
     def of(self, test: str) -> Iterator[None]:
-        self._ran = defaultdict(set)
+        self._ran, self._calls = defaultdict(set), Counter()
         threading.settrace(self._enter)
         sys.settrace(self._enter)
         try:

@@ -118,6 +118,14 @@ def test_a_port_that_does_not_exist() -> None:
 def test_not_open() -> None:
     with pytest.raises(BusError, match="not open"):
         FootSensor("/dev/x", 115_200, Clock()).poll()
+    assert not FootSensor("/dev/x", 115_200, Clock()).gone
+
+
+def test_what_has_piled_up_is_taken_at_once() -> None:
+    clock, source = Clock(), Source()
+    sensor = FootSensor(source, 115_200, clock)
+    source.data = b"".join(encode(Frame(number, 2000 * number, 1.0)) for number in range(1000))  # 2 s, 16,000 bytes
+    assert len(sensor.poll()) == 1000
 
 
 def stream(clock: Clock, source: Source, sensor: FootSensor, ticks: int, *, start: int = 0, delay: float = 0.0) -> None:

@@ -265,6 +265,26 @@ def landed(spoil: Callable[[Observation], None], lost: Callable[[int], bool], un
     return math.inf, ""
 
 
+def stuck_in_the_air(o: Observation) -> None:
+    stuck(o)
+    o.foot_force = 0.0
+
+
+@pytest.mark.parametrize(
+    ("spoil", "expected"),
+    [
+        (low, 0.2),
+        (stalled, 2.0 * math.log(10.0)),  # a mean over 2 s comes to 90 %
+        (overloaded, -2.0 * math.log(1.0 - (0.8 / 1.2) ** 2)),  # a mean square over 2 s comes to (0.8 A)^2
+        (astray, 0.1),
+        (stuck, 0.1),
+        (stuck_in_the_air, 0.5),
+    ],
+)
+def test_how_long_what_ends_a_run_may_last(spoil: Callable[[Observation], None], expected: float) -> None:
+    assert landed(spoil, lambda tick: False)[0] == pytest.approx(expected, abs=0.041)  # two ticks
+
+
 @pytest.mark.parametrize("spoil", LASTING)
 def test_a_lost_reading_is_not_forgotten_what_was_before(spoil: Callable[[Observation], None]) -> None:
     at, why = landed(spoil, lambda tick: False)

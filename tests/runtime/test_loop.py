@@ -381,6 +381,28 @@ def test_faults_are_announced_once() -> None:
     assert [event for event in events if event[0] == "warning"] == [("warning", "foot: saturated")]
 
 
+def test_a_fault_is_announced_when_it_comes() -> None:
+    def spoil(observation: Observation) -> None:
+        if observation.time > 51.0:
+            observation.faults = ("foot: frames lost",)
+
+    lamp, events = FakeLamp(spoil), []
+    run(lamp, Wave(), LAMP, duration=0.5, on_event=lambda *event: events.append((lamp.clock.now(), *event)))
+    assert [time for time, *event in events if event == ["warning", "foot: frames lost"]] == [
+        pytest.approx(51.0, abs=0.03)
+    ]
+    assert events[-1][1:] == ("info", "torque off; finished")
+
+
+@pytest.mark.parametrize(("lasts", "said"), [(1.0, "finished"), (75.0, "silent again and again for 60 s")])
+def test_a_plug_that_stays_loose_ends_the_run(lasts: float, said: str) -> None:
+    gone = [(2.5 + second, 3.4 + second) for second in range(round(lasts))]
+    lamp = Unplugged(*gone[0], *gone[1:])
+    result = run(lamp, Wave(), LAMP, duration=1.0, reconnect=lamp.reconnect)
+    assert said in (result.ended, result.reason.rpartition("; ")[2])
+    assert lamp.clock.now() - lamp.gone < 70.0
+
+
 def test_minimum_jerk() -> None:
     share = np.linspace(0, 1, 1001)
     curve = np.array([smooth(s) for s in share])
