@@ -95,9 +95,14 @@ class Mutant:
     runs: bool
 
     @property
-    def key(self) -> str:
+    def place(self) -> tuple[str, str, str]:
         """What it is, wherever it stands: code that moves keeps its mutants."""
-        return hashlib.sha256(repr((self.scope, self.text, self.change)).encode()).hexdigest()[:12]
+        return self.scope, self.text, self.change
+
+    @property
+    def key(self) -> str:
+        """The same, short."""
+        return hashlib.sha256(repr(self.place).encode()).hexdigest()[:12]
 
 
 def changes(node: ast.AST, condition: bool) -> Iterator[ast.AST]:
@@ -185,24 +190,27 @@ def mutants_of(room: str, path: Path) -> list[Mutant]:
     return found
 
 
-def sample(count: int, seed: int, room: str | None) -> list[Mutant]:
-    """Return a sample stratified by room, the rooms in turn, so that a part of it is stratified too."""
+def all_mutants() -> dict[str, list[Mutant]]:
+    """Return every mutant, by room."""
     every: dict[str, list[Mutant]] = {}
     for name, (patterns, _) in ROOMS.items():
         files = sorted(path for pattern in patterns.split() for path in (ROOT / "robolamp").glob(pattern))
         if not files:
             raise SystemExit(f"{name}: no file is {patterns} of robolamp/")
-        mutants = [mutant for path in files for mutant in mutants_of(name, path)]
-        every[name] = sorted(mutants, key=lambda mutant: hashlib.sha256(f"{seed} {mutant.key}".encode()).digest())
+        every[name] = [mutant for path in files for mutant in mutants_of(name, path)]
+    return every
+
+
+def sample(every: dict[str, list[Mutant]], count: int, seed: int) -> list[Mutant]:
+    """Return a sample stratified by room, the rooms in turn, so that a part of it is stratified too."""
     total, spare = sum(map(len, every.values())), max(count - LEAST * len(every), 0)
     sizes = {name: min(LEAST + spare * len(mutants) // total, len(mutants)) for name, mutants in every.items()}
     sizes[max(sizes, key=sizes.__getitem__)] += count - sum(sizes.values())  # what is left
-    chosen = [
-        (rank / sizes[name], mutant)
-        for name, mutants in every.items()
-        for rank, mutant in enumerate(mutants[: sizes[name]])
-    ]
-    return [mutant for _, mutant in sorted(chosen, key=lambda pair: pair[0]) if room in (None, mutant.room)]
+    chosen: list[tuple[float, Mutant]] = []
+    for name, mutants in every.items():
+        drawn = sorted(mutants, key=lambda mutant: hashlib.sha256(f"{seed} {mutant.key}".encode()).digest())
+        chosen += [(rank / sizes[name], mutant) for rank, mutant in enumerate(drawn[: sizes[name]])]
+    return [mutant for _, mutant in sorted(chosen, key=lambda pair: pair[0])]
 
 
 # Copies in which mutants live
@@ -456,9 +464,14 @@ def main() -> None:
     log: Path = options.folder / "results.jsonl"
     lines = [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
     results = {line["key"]: line for line in lines}  # the last of each counts
-    mutants, reasons = sample(options.count, options.seed, options.room), equivalents()
+    every, reasons = all_mutants(), equivalents()
+    there = {mutant.place for mutants in every.values() for mutant in mutants}
+    for place in reasons.keys() - there:
+        print(f"mutants.toml lists what is not there any more: {' | '.join(place)}")
+    drawn = sample(every, options.count, options.seed)
+    mutants = [mutant for mutant in drawn if options.room in (None, mutant.room)]
     for mutant in mutants:
-        if (mutant.scope, mutant.text, mutant.change) in reasons:
+        if mutant.place in reasons:
             results[mutant.key] = outcome(mutant, "equivalent")
     left = [
         each

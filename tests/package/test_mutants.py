@@ -68,10 +68,11 @@ def test_what_is_changed(mutants: ModuleType, tmp_path: Path, monkeypatch: pytes
 
 
 def test_a_sample_has_every_room_and_is_that_of_its_seed(mutants: ModuleType) -> None:
-    sample = mutants.sample(200, 1, None)
+    every = mutants.all_mutants()
+    sample = mutants.sample(every, 200, 1)
     assert len({each.key for each in sample}) == len(sample) == 200
     assert {each.room for each in sample} == {each.room for each in sample[:20]} == set(mutants.ROOMS)
-    assert sample == mutants.sample(200, 1, None) != mutants.sample(200, 2, None)
+    assert sample == mutants.sample(every, 200, 1) != mutants.sample(every, 200, 2)
 
 
 def test_a_compiled_mutant_is_run_and_gone(mutants: ModuleType, tmp_path: Path) -> None:
