@@ -1,11 +1,12 @@
 """How many small faults the tests find: a seeded sample of mutants of the code that drives the lamp and judges runs.
 
 A mutant is the package with one expression or statement changed, in a copy in a temporary folder. The tests of its
-room that run the changed line are run on it, the quickest first, until one fails. Compiled code is mutated as any
-other: numba's caches of a mutant go with it. Which test runs which line is found once; a compiled function that is
-called counts with all its lines and with those that it calls. Where one test of a file runs the line, the file is taken
-whole, as fixtures and caches serve all its tests; a line that runs at import has every test of the room. Slow tests are
-not among them; one against the real clock must fail twice, as machines are busy.
+room that run the changed line are run on it, the quickest first, until one fails; if none does, those of the rooms
+that use it. Compiled code is mutated as any other: numba's caches of a mutant go with it. Which test runs which line is
+found once; a compiled function that is called counts with all its lines and with those that it calls. Where one test
+of a file runs the line, the file is taken whole, as fixtures and caches serve all its tests; a line that runs at import
+has every test of the room. Slow tests are not among them; one against the real clock must fail twice, as machines are
+busy.
 
 Results are a JSON line a mutant in `--folder`; a run that was stopped goes on where it was. `mutants.toml` lists
 mutants that change nothing that anybody could see, each with its reason.
@@ -319,7 +320,7 @@ def end_all(mark: str) -> None:
 
 
 def measured(
-    rooms: set[str], copies: queue.Queue[Copy], folder: Path, pool: ThreadPoolExecutor
+    places: set[str], copies: queue.Queue[Copy], folder: Path, pool: ThreadPoolExecutor
 ) -> dict[str, dict[str, Any]]:
     """Return, by test file, what its tests take and which lines they run; measured anew where code or test changed."""
     with borrowed(copies) as copy_:
@@ -327,7 +328,7 @@ def measured(
     tests = set((root / "tests").rglob("test_*.py"))
     others = sorted({*(root / "robolamp").rglob("*.py"), *(root / "tests").rglob("*.py")} - tests)
     state = b"".join(path.read_bytes() for path in others)
-    folders = {root / "tests" / place for room in rooms for place in ROOMS[room][1]}
+    folders = {root / "tests" / place for place in places}
     names = sorted(str(path.relative_to(root)) for path in tests if folders & set(path.parents))
     store = folder / "tests.json"
     known: dict[str, dict[str, Any]] = json.loads(store.read_text()) if store.exists() else {}
@@ -491,17 +492,21 @@ def _run(left: list[Mutant], options: argparse.Namespace, log: Path, results: di
         try:
             for index in range(options.workers):
                 copies.put(Copy(Path(place) / f"copy{index}"))
-            known = measured({mutant.room for mutant in left}, copies, options.folder, pool)
-            with log.open("a") as stream:
-                for future in as_completed([pool.submit(judge, mutant, copies, known) for mutant in left]):
+            for stage in (slice(0, 1), slice(1, None)):  # a room's own tests first: those of others are for few
+                places = {place for mutant in left for place in ROOMS[mutant.room][1][stage]}
+                known = measured(places, copies, options.folder, pool)
+                waiting = {pool.submit(judge, mutant, copies, known): mutant for mutant in left}
+                left = []
+                for future in as_completed(waiting):
                     line = future.result()
+                    if line["result"] == "survived" and stage.stop:
+                        left.append(waiting[future])
+                        continue
                     results[line["key"]] = line
-                    stream.write(json.dumps(line) + "\n")
-                    stream.flush()
-                    print(
-                        f"{line['result']:9} {line['seconds']:6.1f} s  {line['path']}:{line['line']}  {line['change']}",
-                        flush=True,
-                    )
+                    with log.open("a") as stream:
+                        stream.write(json.dumps(line) + "\n")
+                    where = f"{line['path']}:{line['line']}"
+                    print(f"{line['result']:9} {line['seconds']:6.1f} s  {where}  {line['change']}", flush=True)
         finally:
             Copy.stopped.set()
             pool.shutdown(wait=False, cancel_futures=True)
