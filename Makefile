@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 GOAL ?= 0.30
 
 .DEFAULT_GOAL := help
-.PHONY: help hop hops test test-slow test-realtime lint wheel benchmarks pictures studies clean opengl browser micropython
+.PHONY: help hop hops test test-slow test-realtime lint wheel benchmarks pictures studies mutants clean opengl browser micropython
 
 help:  ## what the targets do
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -35,7 +35,7 @@ wheel: $(VENV)/developed  ## dist/: wheel and source distribution
 	$(BIN)/python -m build
 
 benchmarks: $(VENV)/developed  ## the figures of the README
-	for each in $(filter-out benchmarks/hops.py,$(wildcard benchmarks/*.py)); do echo "== $$each"; $(BIN)/python $$each || exit; done
+	for each in $(filter-out benchmarks/hops.py benchmarks/mutants.py,$(wildcard benchmarks/*.py)); do echo "== $$each"; $(BIN)/python $$each || exit; done
 
 pictures: $(VENV)/installed opengl  ## docs/: the pictures of the README
 	$(BIN)/python docs/pictures.py
@@ -45,6 +45,9 @@ hops: $(VENV)/installed  ## evolve the shipped hops again with the calibration a
 
 studies: $(VENV)/installed  ## the convergence studies of the 1997 paper, in full: half a day; stop and start as you like
 	$(BIN)/robolamp study all -o runs/studies
+
+mutants: $(VENV)/developed opengl  ## 400 small faults, planted one by one: which the tests find; two hours, stop and start as you like
+	$(BIN)/python benchmarks/mutants.py
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis

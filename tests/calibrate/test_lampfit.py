@@ -107,6 +107,12 @@ def test_mass_foot_and_hop_come_from_scale_force_and_ruler(fit: LampFit) -> None
     assert judged.good
 
 
+def test_a_reading_is_late_by_what_its_bytes_do_not_take(session: LampSession, fit: LampFit) -> None:
+    """The emulator's line takes a reading's bytes, 0.8 ms, and nothing more."""
+    assert np.median(np.concatenate([each.run.read_done - each.run.began for each in session.recordings])) > 5e-4
+    assert fit.latency == pytest.approx(0.0, abs=1e-5)
+
+
 def test_the_delay_is_measured_twice(fit: LampFit, session: LampSession) -> None:
     told = findings(fit, session, LAMP, NOMINAL)
     assert "They agree within 2.5 ms." in told[0]

@@ -26,6 +26,16 @@ def test_what_was_written_is_there_again(tmp_path: Path) -> None:
     assert tomllib.loads(store.read_text())["eeprom"]["Homing Offset"] == -300
 
 
+def test_who_reads_it_while_it_is_written_reads_the_old_one_whole(tmp_path: Path) -> None:
+    store = tmp_path / "servo.toml"
+    bench = MotorBench(store=store)
+    bench.set(homing_offset=-300)
+    old = store.read_text()
+    with store.open() as reader:
+        bench.set(homing_offset=200)
+        assert (reader.read(), store.read_text()) == (old, old.replace("-300", "200"))
+
+
 def test_a_factory_reset_is_kept_too(tmp_path: Path) -> None:
     store = tmp_path / "servo.toml"
     bench = MotorBench(store=store)

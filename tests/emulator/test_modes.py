@@ -131,6 +131,19 @@ class TestGainsAndLimits:
         assert soft < 3 * stiff < 0
         assert abs(self.held(position_p_gain=400, position_i_gain=400)) < abs(soft) / 5
 
+    def test_what_an_i_gain_adds_up_waits_while_the_duty_is_at_its_limit(self) -> None:
+        bench = MotorBench(load=0.001)
+        bench.set(pwm_limit=300)
+        bench.set(position_p_gain=800, position_i_gain=300, torque_enable=1, goal_position=2300)
+        bench.motor.locked = True
+        bench.run(3.0)
+        bench.motor.locked = False
+        highest = 0.0
+        for _ in range(100):
+            bench.run(0.01)
+            highest = max(highest, bench.motor.angle / COUNT - 2300)
+        assert highest < 80  # counts; 127 where it adds up and is only cut, 927 where it is not
+
     def test_d_gain_damps(self) -> None:
         def overshoot(gain: int) -> float:
             bench = MotorBench(load=0.01)

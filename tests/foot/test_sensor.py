@@ -118,6 +118,14 @@ def test_a_port_that_does_not_exist() -> None:
 def test_not_open() -> None:
     with pytest.raises(BusError, match="not open"):
         FootSensor("/dev/x", 115_200, Clock()).poll()
+    assert not FootSensor("/dev/x", 115_200, Clock()).gone
+
+
+def test_what_has_piled_up_is_taken_at_once() -> None:
+    clock, source = Clock(), Source()
+    sensor = FootSensor(source, 115_200, clock)
+    source.data = b"".join(encode(Frame(number, 2000 * number, 1.0)) for number in range(1000))  # 2 s, 16,000 bytes
+    assert len(sensor.poll()) == 1000
 
 
 def stream(clock: Clock, source: Source, sensor: FootSensor, ticks: int, *, start: int = 0, delay: float = 0.0) -> None:
@@ -143,6 +151,14 @@ def test_the_age_survives_the_wrap_of_the_sensors_clock() -> None:
     sensor = FootSensor(source, 115_200, clock)
     stream(clock, source, sensor, 20, start=2**32 - 200_000)
     assert sensor.age == pytest.approx(0.0, abs=1e-4)
+
+
+def test_frames_that_arrive_late_after_the_wrap_are_old() -> None:
+    clock, source = Clock(), Source()
+    sensor = FootSensor(source, 115_200, clock)
+    stream(clock, source, sensor, 20, start=2**32 - 410_000)
+    stream(clock, source, sensor, 2, start=2**32 - 10_000, delay=0.015)  # 5 ms before the wrap, 15 ms after
+    assert sensor.age == pytest.approx(0.015, abs=1e-4)
 
 
 def test_a_restarted_sensor_is_young_again() -> None:

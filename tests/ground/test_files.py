@@ -63,6 +63,14 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(
         write_atomic(path / "below", "x")
 
 
+def test_who_reads_a_file_meanwhile_reads_the_old_one_whole(tmp_path: Path) -> None:
+    path = tmp_path / "b.toml"
+    path.write_text("old")
+    with path.open() as reader:
+        write_atomic(path, "new and longer")
+        assert (reader.read(), path.read_text()) == ("old", "new and longer")
+
+
 def test_a_folder_in_the_way_is_an_error_and_leaves_nothing(tmp_path: Path) -> None:
     (tmp_path / "taken").mkdir()
     with pytest.raises(FileError, match="taken: cannot be written"):

@@ -146,6 +146,17 @@ def test_load_that_lasts_ends_the_run(name: str, value: float, said: str) -> Non
     assert worst == Verdict.GO
 
 
+def test_currents_count_by_their_heat() -> None:
+    """Half the time 1.3 A: the mean is 0.65 A, the rms 0.92 A."""
+    guard, worst = Guard(LAMP), Verdict.GO
+    for tick in range(300):
+        seen = observation()
+        seen.time = tick * 0.02
+        seen.current[1] = 1.3 * (tick % 2)
+        worst = max(worst, guard.check(seen))
+    assert (worst, guard.reason) == (Verdict.LAND, "knee: current above 0.8 A over 2 s")
+
+
 def test_a_warm_servo_is_a_fault_and_goes_on() -> None:
     guard = Guard(LAMP)
     assert guard.check(observation(change("temperature", 62.0))) == Verdict.GO
@@ -252,6 +263,26 @@ def landed(spoil: Callable[[Observation], None], lost: Callable[[int], bool], un
         if guard.check(seen) == Verdict.LAND:
             return seen.time, guard.reason
     return math.inf, ""
+
+
+def stuck_in_the_air(o: Observation) -> None:
+    stuck(o)
+    o.foot_force = 0.0
+
+
+@pytest.mark.parametrize(
+    ("spoil", "expected"),
+    [
+        (low, 0.2),
+        (stalled, 2.0 * math.log(10.0)),  # a mean over 2 s comes to 90 %
+        (overloaded, -2.0 * math.log(1.0 - (0.8 / 1.2) ** 2)),  # a mean square over 2 s comes to (0.8 A)^2
+        (astray, 0.1),
+        (stuck, 0.1),
+        (stuck_in_the_air, 0.5),
+    ],
+)
+def test_how_long_what_ends_a_run_may_last(spoil: Callable[[Observation], None], expected: float) -> None:
+    assert landed(spoil, lambda tick: False)[0] == pytest.approx(expected, abs=0.041)  # two ticks
 
 
 @pytest.mark.parametrize("spoil", LASTING)

@@ -333,6 +333,18 @@ def test_a_servo_that_stays_on_is_a_fault() -> None:
     assert not [text for _, text in events if text.startswith("torque off")]
 
 
+def test_a_servo_that_did_not_hear_is_told_again() -> None:
+    class Deaf(FakeLamp):
+        def torque(self, on: bool) -> None:
+            super().torque(on)
+            self.on = on or len(self.torques) < 5
+
+    lamp = Deaf()
+    result = run(lamp, Wave(), LAMP, duration=0.1)
+    assert lamp.torques == [True, False, False, False, False]
+    assert (lamp.on, result.ended, result.faults) == (False, "finished", {})
+
+
 def test_missed_ticks_are_skipped_and_counted() -> None:
     """A tick that takes 50 ms: the two that were due meanwhile are not caught up in a burst."""
     ticks: list[Tick] = []
@@ -367,6 +379,28 @@ def test_faults_are_announced_once() -> None:
     result = run(FakeLamp(spoil), Wave(), LAMP, duration=0.1, on_event=lambda *event: events.append(event))
     assert result.faults == {"foot: saturated": result.ticks}
     assert [event for event in events if event[0] == "warning"] == [("warning", "foot: saturated")]
+
+
+def test_a_fault_is_announced_when_it_comes() -> None:
+    def spoil(observation: Observation) -> None:
+        if observation.time > 51.0:
+            observation.faults = ("foot: frames lost",)
+
+    lamp, events = FakeLamp(spoil), []
+    run(lamp, Wave(), LAMP, duration=0.5, on_event=lambda *event: events.append((lamp.clock.now(), *event)))
+    assert [time for time, *event in events if event == ["warning", "foot: frames lost"]] == [
+        pytest.approx(51.0, abs=0.03)
+    ]
+    assert events[-1][1:] == ("info", "torque off; finished")
+
+
+@pytest.mark.parametrize(("lasts", "said"), [(1.0, "finished"), (75.0, "silent again and again for 60 s")])
+def test_a_plug_that_stays_loose_ends_the_run(lasts: float, said: str) -> None:
+    gone = [(2.5 + second, 3.4 + second) for second in range(round(lasts))]
+    lamp = Unplugged(*gone[0], *gone[1:])
+    result = run(lamp, Wave(), LAMP, duration=1.0, reconnect=lamp.reconnect)
+    assert said in (result.ended, result.reason.rpartition("; ")[2])
+    assert lamp.clock.now() - lamp.gone < 70.0
 
 
 def test_minimum_jerk() -> None:

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from robolamp.assets import Assets
-from robolamp.calibration import JOINT, LAMP, Calibration, Parameter, load_calibration
+from robolamp.calibration import JOINT, LAMP, SERVO, Calibration, Parameter, load_calibration
 from robolamp.controller.file import load_controller
 from robolamp.controller.terminals import on_board_terminals
 from robolamp.emulator.difference import Reality
@@ -68,6 +68,24 @@ def test_values_that_are_off_leave_the_model_as_it_was() -> None:
 
 def test_no_play_to_speak_of_is_no_play() -> None:
     assert np.abs(swung(changed(play=1e-6)) - swung(NOMINAL)).mean() < 0.004
+
+
+def test_a_delay_ends_within_a_step_too() -> None:
+    """Halfway between two whole steps of delay, play or not, a lamp swings halfway between their angles."""
+
+    def late(steps: float, play: float) -> Array:
+        calibration = changed(play)
+        for name in DESK.names:
+            group = calibration.groups.setdefault(f"joint {name}", {})  # pyright: ignore
+            group["delay"] = Parameter(steps * timestep, SERVO["delay"].unit, None, "")
+        return swung(calibration)
+
+    timestep = twin(NOMINAL).timestep
+    for backlash in (0.0, 0.004):
+        early, middle, latest = (late(steps, backlash) for steps in (4.0, 4.5, 5.0))
+        apart = np.abs(latest - early).mean()
+        assert apart > 1e-3
+        assert np.abs(middle - (early + latest) / 2).mean() < 0.05 * apart, backlash
 
 
 def test_a_link_rests_at_the_end_of_its_play() -> None:
