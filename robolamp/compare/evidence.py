@@ -49,14 +49,12 @@ class Readings:
     """What a log holds of the stretch that is looked at; K readings in all.
 
     Attributes:
-        rows: Ticks of the stretch, shape (N,).
         value: Readings, whitened: angles, currents, forces, voltages, the time that answers take beyond that of their
             packets, shape (K,); NaN where missing.
         scale: What each was divided by, shape (K,).
         parts: Where each kind of reading is in `value`.
     """
 
-    rows: NDArray[np.int64]
     value: Array
     scale: Array
     parts: dict[str, slice]
@@ -218,7 +216,7 @@ def _readings(run: Run, rows: NDArray[np.int64]) -> Readings:
         parts[name] = slice(begin, begin + value.size)
         begin += value.size
     scale = np.concatenate([np.full(value.size, SCALES[name]) for name, value in values.items()])
-    return Readings(rows, np.concatenate(list(values.values())) / scale, scale, parts)
+    return Readings(np.concatenate(list(values.values())) / scale, scale, parts)
 
 
 def _score(run: Run, rows: NDArray[np.int64], lamp: Lamp, timestep: float) -> Score:

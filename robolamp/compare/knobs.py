@@ -62,7 +62,6 @@ class Kind:
         more: Cause, the size positive; `{joint}` and `{size}` are filled in.
         less: Cause, the size negative; of what cannot be less than in the twin, only from one run to another.
         remedy: What settles it.
-        dynamic: Whether the lamp moves differently for it; else only what its sensors say differs.
         each: Whether every joint has one of its own.
         moving: Whether only motion tells it: standing still any size does.
     """
@@ -76,7 +75,6 @@ class Kind:
     more: str
     less: str
     remedy: str
-    dynamic: bool = True
     each: bool = False
     moving: bool = False
 
@@ -243,21 +241,21 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             "1", (-0.1, 0.1), -0.8, 4.0, 0.01,
             lambda size, joint, of: Change(foot_gain=1.0 + size),
             "the foot sensor reads {size} too much", "the foot sensor reads {size} too little",
-            "`robolamp setup foot` with a known weight", dynamic=False,
+            "`robolamp setup foot` with a known weight",
         ),
         # The same.
         "foot offset": Kind(
             "N", (-0.2, 0.2), -1.7, 8.0, 0.01,
             lambda size, joint, of: Change(foot_offset=size),
             "the foot sensor reads {size} too much at any load", "the foot sensor reads {size} too little at any load",
-            "`robolamp setup foot` tares it", dynamic=False,
+            "`robolamp setup foot` tares it",
         ),
         # Chosen: the lamp's own weight in 10 s; a warming load cell drifts by a hundredth of that.
         "foot drift": Kind(
             "N/s", (-0.05, 0.05), -0.2, 0.2, 0.002,
             lambda size, joint, of: Change(foot_drift=size),
             "the foot sensor's zero rises by {size}", "the foot sensor's zero falls by {size}",
-            "let it warm up, keep draughts off, then `robolamp setup foot`", dynamic=False,
+            "let it warm up, keep draughts off, then `robolamp setup foot`",
         ),
         # Rubber on wood: 0.6 to 1.0 (nominal.toml: 0.8); chosen: from ice, 0.08, to sticky, 1.6.
         "floor": Kind(

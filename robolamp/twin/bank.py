@@ -168,7 +168,6 @@ class _Share:
         twin = members[0].twin
         lanes, n = len(members), len(twin.qpos)
         self._twin, self._score, self._lanes = twin, score, np.arange(lanes)
-        self._members = members
         self._batch = Batch(twin.model, lanes, 1)
         for name, values in differing.items():
             self._batch.expand(name)[:] = values
