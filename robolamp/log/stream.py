@@ -50,7 +50,6 @@ class Contents:
         data: Their bytes, by the channel's id.
         order: The channel of every message, in file order.
         kept: Memory that the messages take [bytes].
-        chunks: How many chunks were whole.
         truncated: Whether the file ends early or is damaged.
         damage: What is wrong with it, one line a place: where [byte] and what.
     """
@@ -64,7 +63,6 @@ class Contents:
     data: dict[int, list[bytes]] = field(default_factory=dict)
     order: list[int] = field(default_factory=list)
     kept: int = 0
-    chunks: int = 0
     truncated: bool = False
     damage: list[str] = field(default_factory=list)
 
@@ -216,7 +214,6 @@ def _chunk(data: bytes, contents: Contents) -> None:
         position = end
     contents.schemas |= schemas
     contents.channels |= channels
-    contents.chunks += 1
     for message in found:
         _keep(contents, *message)
 
