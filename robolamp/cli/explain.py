@@ -53,9 +53,9 @@ def explain(
     goal_time
         Time to take for the way in seconds, for a controller that reads goal_time.
     calibration
-        The twin's numbers: a file, or a name in calibration/.
+        Calibration, the twin's numbers: a file, or a name in calibration/.
     lamp
-        A folder of your own lamp, laid out like robolamp's (sim/, hardware/, calibration/).
+        Folder of your own lamp, as `robolamp new` makes it.
     as_json
         Print one JSON object: a joint's evolved and simplified expression, nodes, signals, and branches with the
         shares of ticks at which they were reached and went either way.

@@ -75,11 +75,11 @@ def score(
         For a figure other than the lamp: the task it is scored in (file or name); without it, the task.toml beside the
         controller, or the task that it was evolved for.
     workers
-        Threads; without it, one a core.
+        Threads; by default one for each core.
     calibration
-        The twin's numbers: a file, or a name in calibration/.
+        Calibration, the twin's numbers: a file, or a name in calibration/.
     lamp
-        A folder of your own lamp, laid out like robolamp's (sim/, hardware/, calibration/).
+        Folder of your own lamp, as `robolamp new` makes it.
     as_json
         Print one JSON object: origin (evolved, tuned, by hand); goals_m, errors_m, hops, flight_share (for a figure
         directions_rad, fitness, collided) a goal (and lamp); hits, hits_1997, falls, upright, pole_hits.

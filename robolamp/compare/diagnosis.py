@@ -119,7 +119,7 @@ def miscounted(run: Run, truth: Truth | None, lamp: Lamp) -> Iterator[Finding]:
         yield Finding(
             count.text,
             count.evidence,
-            "the controller goes by the hops that it counts; look for what lets the lamp rebound or tilt: a loose "
+            "the controller uses the hops that it counts; look for what makes the lamp rebound or tilt: a loose "
             "joint, a slippery or soft floor",
         )
 
@@ -133,8 +133,8 @@ def misset(run: Run, lamp: Lamp) -> Iterator[Finding]:
     """
     for joint, wrong in wrong_settings(run, lamp):
         yield Finding(
-            f"the {joint}'s servo is set otherwise: {wrong}",
-            "as its registers said once torque was on; no twin has it, so look here before its motor is blamed",
+            f"the {joint}'s servo has other settings: {wrong}",
+            "as its registers said once torque was on; the twin has none of it, so correct it before you blame the motor",
             "`robolamp setup check --fix` sets what is kept without power; power it off and on for the rest",
         )
 
@@ -183,7 +183,7 @@ def told(run: Run, one: Explanation, joints: Sequence[JointError], than: str) ->
     facts = "; ".join(_facts(run, one, joints))
     return Finding(
         one.knob.cause(one.size, than),
-        facts or "a twin so bent does what the log says",
+        facts or "a twin changed so does what the log says",
         one.knob.remedy(),
         one.name, one.size, one.knob.about.unit, one.share,
     )  # fmt: skip
@@ -196,10 +196,10 @@ def _facts(run: Run, one: Explanation, joints: Sequence[JointError]) -> Iterator
     if joint is not None and kind in ("strength", "friction"):
         yield f"the {joint.name} is off by {joint.after.mae * 1e3:.1f} mrad with its lag removed"
         if math.isfinite(joint.swing):
-            yield f"it swings {abs(joint.swing - 1):.1%} {'less' if joint.swing < 1 else 'more'} far"
+            yield f"its swing is {abs(joint.swing - 1):.1%} {'smaller' if joint.swing < 1 else 'larger'}"
         duty = np.abs(run.pwm[:, run.joints.index(joint.name)])
         if (full := float(np.mean(duty[np.isfinite(duty)] >= SATURATED)) if np.isfinite(duty).any() else 0.0) > 0:
-            yield f"its servo gives all it has in {full:.1%} of the ticks"
+            yield f"its servo is at full duty in {full:.1%} of the ticks"
     if kind == "delay":
         lags = ", ".join(f"{each.name} {each.lag * 1e3:+.1f} ms" for each in joints if math.isfinite(each.lag))
         if lags:
@@ -249,7 +249,7 @@ def complaints(run: Run, joints: Sequence[JointError], calibration: Calibration,
     if answer - wire >= HELD_UP:
         # Goals and questions are held up alike: the joints move later and are asked later, and the angles agree.
         yield Finding(
-            f"the line to the servos holds everything up by at least {(answer - wire) * 1e3:.1f} ms",
+            f"the line to the servos delays everything by at least {(answer - wire) * 1e3:.1f} ms",
             f"an answer takes {answer * 1e3:.1f} ms (median); its packets are {wire * 1e3:.1f} ms on the wire",
             SLOW_LINE,
             "latency",
@@ -259,10 +259,10 @@ def complaints(run: Run, joints: Sequence[JointError], calibration: Calibration,
     taken, assumed = float(np.median(run.write_done - run.began)), calibration.lamp("line_delay")
     if taken - assumed >= SENT:
         yield Finding(
-            "the goals leave later than the twin was evolved with",
+            "goal angles are sent later than the calibration says",
             f"{taken * 1e3:.1f} ms after the tick's start (median); lamp.line_delay in the calibration is "
             f"{assumed * 1e3:.1f} ms",
-            "leave the computer to the loop, or change lamp.line_delay in the calibration and evolve again",
+            "run nothing else on the computer, or change lamp.line_delay in the calibration and evolve again",
         )
     heard = ~silent(run)
     for index, joint in enumerate(run.joints):
@@ -278,7 +278,7 @@ def complaints(run: Run, joints: Sequence[JointError], calibration: Calibration,
         yield Finding(
             "the loop did not keep its schedule",
             f"{run.missed_ticks} ticks missed ({share:.1%})",
-            "leave the computer to the loop, or lengthen the control period",
+            "run nothing else on the computer, or lengthen the control period",
         )
     yield from _sagged(run, calibration)
     drifts = [joint.drift for joint in joints if math.isfinite(joint.drift)]
@@ -293,7 +293,7 @@ def complaints(run: Run, joints: Sequence[JointError], calibration: Calibration,
         yield Finding(
             f"the clock of the time stamps was set by {by:+.1f} s",
             f"at tick {run.index[row]}; the run is compared on its own clock, which went on",
-            "nothing has to be done; a truth or an event of another clock may be beside its tick",
+            "nothing to do; a truth log or an event of another clock may be shifted against the ticks",
         )
     faults = Counter(fault for tick in run.faults for fault in tick)
     if faults:

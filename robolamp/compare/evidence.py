@@ -87,7 +87,7 @@ class Evidence:
             float(np.isfinite(self.run.angle[rows]).all(axis=1).sum()) * self.run.control_period if rows.size else 0.0
         )
         if driven < DRIVEN:
-            return f"the controller drove for {driven:.2f} s; to tell a cause takes {DRIVEN:g} s"
+            return f"the controller drove for {driven:.2f} s; finding a cause takes {DRIVEN:g} s"
         return ""
 
     @property

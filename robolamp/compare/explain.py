@@ -91,7 +91,7 @@ class Explanation:
     share: float
 
 
-NOT_ASKED = Account(missing="no bent twins were asked")
+NOT_ASKED = Account(missing="no twin with a changed number was replayed")
 """Where a diagnosis is not wanted."""
 
 

@@ -162,7 +162,7 @@ def _zero(size: float, joint: int, of: int) -> Change:
     return Change(zero=tuple(size if index == joint else 0.0 for index in range(of)))
 
 
-SLOW_LINE = "set the USB adapter's latency timer to 1 ms and plug it in without a hub; leave the computer to the loop"
+SLOW_LINE = "set the USB adapter's latency timer to 1 ms and plug it in without a hub; run nothing else on the computer"
 """What settles a line that holds packets up."""
 
 _RECORD = "`robolamp calibrate record` and `robolamp calibrate lamp`"
@@ -203,7 +203,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         "delay": Kind(
             "s", (-0.004, 0.004, 0.015), -0.016, 0.05, 0.0005,
             lambda size, joint, of: Change(late=size),
-            "goals take effect {size} later than {than}", "goals take effect {size} earlier than {than}",
+            "goal angles take effect {size} later than {than}", "goal angles take effect {size} earlier than {than}",
             "`robolamp calibrate record` and `robolamp calibrate lamp` settle the servos' delay; on a slow line, set "
             "the adapter's latency timer to 1 ms", moving=True,
         ),
@@ -211,8 +211,8 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         "latency": Kind(
             "s", (0.001, 0.003), 0.0, 0.05, 0.0003,
             lambda size, joint, of: Change(late=size, asked=size),
-            "the line to the servos holds everything up by {size}",
-            "the line to the servos holds everything up by {size} less than {than}",
+            "the line to the servos delays everything by {size}",
+            "the line to the servos delays everything by {size} less than {than}",
             SLOW_LINE,
         ),
         # Preflight: Min and Max Voltage Limit, 3.5 and 7.0 V of an XL330 at 5 V (e-manual).
@@ -226,14 +226,14 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         "resistance": Kind(
             "Ohm", (0.1, 0.3), 0.0, 1.0, 0.01,
             lambda size, joint, of: Change(resistance=size),
-            "the supply sags under load, as over {size}", "the supply sags less under load, as by {size} less",
+            "the supply sags under load, as through {size}", "the supply sags less under load, as through {size} less",
             "use thicker or shorter cables and a supply that holds 5 V at 4 A",
         ),
         # From 5 to 3.5 V in the 7.5 s of a run.
         "drain": Kind(
             "V/s", (0.02, 0.06), 0.0, 0.2, 0.001,
             lambda size, joint, of: Change(drain=size),
-            "the supply falls by {size} as time goes", "the supply falls by {size} less than {than} as time goes",
+            "the supply falls by {size} over time", "the supply falls by {size} less than {than} over time",
             "charge the battery, or use a mains supply",
         ),
         # Preflight: the lamp of 2.1 N may show 0.4 N (contact_on) to 10 N standing.
@@ -261,7 +261,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         "floor": Kind(
             "1", (-0.35, -0.15, 0.15, 0.35), -0.9, 1.0, 0.02,
             lambda size, joint, of: Change(Bend(floor=1.0 + size)),
-            "the floor holds {size} better than {than}", "the floor is {size} slipperier than {than}",
+            "the floor grips {size} better than {than}", "the floor is {size} slipperier than {than}",
             "clean foot and desk; `robolamp calibrate record` and `robolamp calibrate lamp` settle lamp.floor_friction",
             moving=True,
         ),

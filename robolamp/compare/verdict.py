@@ -205,11 +205,11 @@ def _unknown(
             yield f"too few readings: {joint.name}, {there} of {joint.of}"
     known = [math.isfinite(joint.lag) for joint in joints]
     if not any(known):
-        yield "lag unknown: no joint moved enough, and alike, to have one"
+        yield "lag unknown: no joint moved enough, and enough alike, to measure it"
     else:
         for index, joint in enumerate(joints):
             if not known[index] and any(_moves(side, index, end) for side in (lamp, other)):
-                yield f"{joint.name}: lag unknown, the two do not show one motion"
+                yield f"{joint.name}: lag unknown, the two moved too differently"
 
 
 def _moves(side: Side, joint: int, end: float) -> bool:

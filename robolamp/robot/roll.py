@@ -20,7 +20,7 @@ RATES = (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000, 9600)
 NOBODY = 253
 """An id that no servo can have: what comes after a question to it was not asked for."""
 
-BABBLE = "bytes come that nobody asked for: is this the servos' port?"
+BABBLE = "bytes come without a question: is this the servos' port?"
 """What is said where that is so."""
 
 _NEW = 1  # id of a new servo
@@ -165,6 +165,6 @@ def _hint(lamp: Lamp, joint: Joint, rates: Mapping[int, int], strangers: Sequenc
     if _NEW in rates:
         return f"a servo answers as id {_NEW} at {rates[_NEW]} baud, as new ones do; {assign}"
     return (
-        f"nobody answers at another rate either; check its supply, its cable and its id (as in {lamp.path.name}), and "
-        "that its Protocol Type(13) is 2 (DYNAMIXEL Wizard 2.0 writes it)"
+        f"no servo answers at another rate either; check its supply, its cable and its id (as in {lamp.path.name}), "
+        "and that its Protocol Type(13) is 2 (DYNAMIXEL Wizard 2.0 writes it)"
     )

@@ -51,7 +51,7 @@ def test_the_twin_itself_is_inside_with_nothing_to_tell(tmp_path):
 
 def test_goals_that_leave_late_are_told_and_are_no_lag(tmp_path):
     result = compare(tmp_path, send=SEND + 0.006)
-    assert [finding.cause for finding in result.diagnosis] == ["the goals leave later than the twin was evolved with"]
+    assert [finding.cause for finding in result.diagnosis] == ["goal angles are sent later than the calibration says"]
     assert all(abs(joint.lag) < 0.0005 for joint in result.joints)
 
 
@@ -74,7 +74,7 @@ def test_a_slower_servo_shows_as_that_lag(tmp_path, delay):
     first = result.diagnosis[0]
     assert first.knob == "delay"
     assert first.size == pytest.approx(delay, abs=0.001)
-    assert first.cause == f"goals take effect {first.size * 1e3:.1f} ms later than modelled"
+    assert first.cause == f"goal angles take effect {first.size * 1e3:.1f} ms later than modelled"
 
 
 def test_a_weak_knee_is_named_with_its_size_and_its_remedy(tmp_path):
