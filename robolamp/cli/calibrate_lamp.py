@@ -109,7 +109,7 @@ def fit_session(
 
 
 def tell(judged: Verdict, facts: dict[str, Any]) -> None:
-    """Print what a person wants to know of a fit."""
+    """Print the results of a fit."""
     print(judged.text)
     for text in facts["findings"]:
         print(f"  {text}")

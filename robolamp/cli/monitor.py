@@ -99,7 +99,7 @@ def monitor(
 
 
 def _facts(joints: Sequence[Joint], state: ServoState, foot: FootSensor | None) -> dict[str, Any]:
-    """Return one look, with units in the keys; a value that is missing is NaN or None."""
+    """Return all readings once, with units in the keys; a missing value is NaN or None."""
     from robolamp.dynamixel.registers import HardwareError
     from robolamp.robot.frame import wrapped
 

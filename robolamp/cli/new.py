@@ -1,4 +1,4 @@
-"""`robolamp new`: a folder of one's own lamp."""
+"""`robolamp new`: makes a folder for your own lamp."""
 
 from __future__ import annotations
 

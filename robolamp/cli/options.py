@@ -90,7 +90,7 @@ def goal_range(text: str, option: str) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Setup:
-    """The lamp at hand.
+    """The lamp that a verb works with.
 
     Attributes:
         assets: Where data files are.

@@ -1,4 +1,4 @@
-"""`robolamp stop`: releases a lamp that nobody drives any more, or, by force, one that somebody does."""
+"""`robolamp stop`: releases a lamp that no program drives any more, or, by force, one that a program drives."""
 
 from __future__ import annotations
 

@@ -157,7 +157,7 @@ def _run(
 
 @dataclass(frozen=True)
 class _Made:
-    """How a page is made: commands that give what it shows, which may be of several calls, on any machine.
+    """The commands that make a page, which may have been several calls, on any machine.
 
     Absolute folders are named by their last part.
     """
@@ -171,7 +171,7 @@ class _Made:
     shelf: Shelf
 
     def command(self, which: str, seeds: int, points: str, *, page: bool = True) -> str:
-        """Return the command of these runs, and (unless told not to) of the page."""
+        """Return the command that makes these runs and, unless `page` is false, the page."""
         words = ["-o", _named(self.output), "--seeds", str(seeds), "--points", points]
         for setting in self.scale.settings:
             words += ["--set", setting]

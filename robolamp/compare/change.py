@@ -1,4 +1,4 @@
-"""What changed between two runs: both are explained together, each knob either alike in both or set differently now."""
+"""What changed between two runs: each knob is wrong in both alike, or changed between them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 def changed(now: Evidence, before: Evidence, lamp: Lamp) -> Account:
-    """Return what changed from one run to another, what explains most first; sizes are now less before.
+    """Return what changed from one run to another, the change that explains most first; sizes are later minus earlier.
 
     What the twin has wrong of both explains its part, too, and is not left unexplained.
 

@@ -1,4 +1,4 @@
-"""A comparison: a lamp's run, what it is held against, and what came of laying the one over the other."""
+"""A comparison: a lamp's run, its reference (the twin's replay or another run), and all results."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Comparison:
         alone: What its controller does alone on the twin; not to be taken for the replay.
         landing: What is known of where it landed.
         diagnosis: Probable causes, the strongest first.
-        account: What bent twins made of the difference: how much they leave unexplained, or why nothing could be told.
+        account: How knobs explain the difference: how much they leave unexplained, or why no cause could be found.
         report: The HTML report.
         twin_log: The replay as a log, topics "/twin/..."; None where two runs were compared.
     """
@@ -103,7 +103,7 @@ class Comparison:
 
     @property
     def lamp_travel(self) -> float:
-        """How far the lamp's base came [m]; NaN where no truth is known."""
+        """How far the lamp's base came [m]; NaN where nobody measured it."""
         return self.lamp.travel
 
     @property
@@ -112,7 +112,7 @@ class Comparison:
         return self.other.travel
 
     def parts(self) -> dict[str, Any]:
-        """Return the verdict's three parts as `--json` has them, here and in dry-run and deploy."""
+        """Return the three answers as `--json` has them, here and in dry-run and deploy."""
         alone = self.alone
         return {
             "task": self.task.word,

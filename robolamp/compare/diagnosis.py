@@ -1,6 +1,6 @@
-"""Says in words why lamp and twin differ.
+"""Names the causes of a difference between lamp and twin.
 
-First causes, ranked by how much of the difference each explains; then what the log itself complains of. Every threshold
+First knobs, ranked by how much of the difference each explains; then what the log shows by itself. Every threshold
 is fixed here or in `explain` and `knobs`, beforehand.
 """
 
@@ -50,7 +50,7 @@ class Finding:
         cause: What is probably different.
         evidence: The numbers it was seen in.
         remedy: What would settle it.
-        knob: What was bent to explain it, as "strength knee"; empty where the log says it by itself.
+        knob: The knob that explains it, as "strength knee"; empty where the log shows it by itself.
         size: How much is different, in `unit`; NaN where there is no such number.
         unit: Of the size.
         share: Of the difference that it explains, 0 to 1; NaN: not known, as the log says it by itself.
@@ -81,33 +81,33 @@ def diagnose(
     than: str = "modelled",
     truth: Truth | None = None,
 ) -> list[Finding]:
-    """Return the findings, the strongest first; empty where nothing stands out.
+    """Return the findings, the strongest first; empty if there are none.
 
-    What is known for certain comes before what bent twins make likely: hops that did not fly, by the truth, and servos
+    What is known for certain comes before what knobs make likely: hops that did not fly, by the truth, and servos
     that were not set as they should be, which any motor's strength would be blamed for. What the log only suggests
     comes last.
 
     Args:
         run: The lamp's run.
-        account: What bent twins explain of it.
+        account: How knobs explain it.
         joints: The differences, joint by joint.
         calibration: What the twin was calculated with.
         lamp: The lamp's description.
         than: What the lamp is held against, as in "weaker than modelled".
         truth: What the lamp truly did; None: nobody knows.
     """
-    bent = [told(run, each, joints, than) for each in account.causes if each.knob]
+    turned = [told(run, each, joints, than) for each in account.causes if each.knob]
     noisy = [each for each in account.causes if not each.knob]
-    first = not bent or (noisy and noisy[0].share > account.causes[0].share)
+    first = not turned or (noisy and noisy[0].share > account.causes[0].share)
     heard = [*noises(noisy)]
-    named = {each.knob for each in bent}
+    named = {each.knob for each in turned}
     rest = [each for each in complaints(run, joints, calibration, lamp) if not each.knob or each.knob not in named]
-    known, likely = [*miscounted(run, truth, lamp)], [*(heard if first else ()), *bent, *(() if first else heard)]
+    known, likely = [*miscounted(run, truth, lamp)], [*(heard if first else ()), *turned, *(() if first else heard)]
     return [*(known if truth else ()), *misset(run, lamp), *likely, *(() if truth else known), *rest]
 
 
 def miscounted(run: Run, truth: Truth | None, lamp: Lamp) -> Iterator[Finding]:
-    """Yield that hops were counted which did not fly, where it is known or likely.
+    """Yield a finding if hops were counted that did not fly, or probably did not.
 
     Args:
         run: The lamp's run.
@@ -125,7 +125,7 @@ def miscounted(run: Run, truth: Truth | None, lamp: Lamp) -> Iterator[Finding]:
 
 
 def misset(run: Run, lamp: Lamp) -> Iterator[Finding]:
-    """Yield the servos that were not set as driver and lamp.toml want, where the log says how they were.
+    """Yield a finding for each servo with other settings than driver and lamp.toml want, if the log has the settings.
 
     Args:
         run: The lamp's run.
@@ -134,13 +134,13 @@ def misset(run: Run, lamp: Lamp) -> Iterator[Finding]:
     for joint, wrong in wrong_settings(run, lamp):
         yield Finding(
             f"the {joint}'s servo has other settings: {wrong}",
-            "as its registers said once torque was on; the twin has none of it, so correct it before you blame the motor",
+            "as its registers said once torque was on; the twin has none of it, so correct it before blaming the motor",
             "`robolamp setup check --fix` sets what is kept without power; power it off and on for the rest",
         )
 
 
 def noises(found: Sequence[Explanation]) -> Iterator[Finding]:
-    """Yield what is noisy in words, all encoders together.
+    """Yield a finding for each noisy sensor, one for all encoders together.
 
     Args:
         found: Explanations by noise.
@@ -171,7 +171,7 @@ def _list(names: Sequence[str]) -> str:
 
 
 def told(run: Run, one: Explanation, joints: Sequence[JointError], than: str) -> Finding:
-    """Return an explanation by a knob in words.
+    """Return an explanation by a knob as a finding.
 
     Args:
         run: The lamp's run.
@@ -190,7 +190,7 @@ def told(run: Run, one: Explanation, joints: Sequence[JointError], than: str) ->
 
 
 def _facts(run: Run, one: Explanation, joints: Sequence[JointError]) -> Iterator[str]:
-    """Yield what of the log bears a cause out."""
+    """Yield facts from the log that support a cause."""
     kind = one.knob.kind if one.knob else ""
     joint = next((each for each in joints if each.name == one.joint), None)
     if joint is not None and kind in ("strength", "friction"):
@@ -220,7 +220,7 @@ def _facts(run: Run, one: Explanation, joints: Sequence[JointError]) -> Iterator
 
 
 def _sagged(run: Run, calibration: Calibration) -> Iterator[Finding]:
-    """Yield that the supply fell by more than the currents make it fall in the twin."""
+    """Yield a fact if the supply fell by more than the currents make it fall in the twin."""
     volts = np.ma.masked_invalid(run.voltage).mean(axis=1).filled(math.nan)
     own = volts + calibration.lamp("supply_resistance") * np.abs(run.current).sum(axis=1)
     known = np.isfinite(own)
@@ -235,7 +235,7 @@ def _sagged(run: Run, calibration: Calibration) -> Iterator[Finding]:
 
 
 def complaints(run: Run, joints: Sequence[JointError], calibration: Calibration, lamp: Lamp) -> Iterator[Finding]:
-    """Yield what the log says by itself, without a twin.
+    """Yield what the log shows by itself, without a twin.
 
     Args:
         run: The lamp's run.

@@ -1,4 +1,4 @@
-"""Hops as the foot sensor tells them: take-off, landing, flight time, and how far two lamps differ in them."""
+"""Hops by the foot sensor: take-off, landing, flight time, and how far two sides differ in them."""
 
 from __future__ import annotations
 

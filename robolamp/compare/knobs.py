@@ -1,4 +1,4 @@
-"""What may differ between a lamp and its twin, one knob each: how to bend the twin by it, and how to say it.
+"""Knobs: numbers in which a lamp may differ from its twin, how to change a twin by each, and how to name the cause.
 
 Sizes are differences from the calibration, in the unit that `Knob.unit` names; 0 is the calibrated twin.
 """
@@ -21,10 +21,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Change:
-    """How a bent twin differs from the calibrated one.
+    """How a changed twin differs from the calibrated one.
 
     Attributes:
-        bend: Of its model.
+        bend: How its model differs.
         late: How much later than it was sent a goal arrives [s].
         asked: How much later than its stamp an angle is sampled, since the question is held up, too [s].
         resistance: Of the supply [Ohm].
@@ -119,7 +119,7 @@ class Knob:
         return min(max(size, self.about.low), self.about.high)
 
     def cause(self, size: float, than: str = "modelled") -> str:
-        """Return what a difference of this size from what it is held against is called.
+        """Return the cause's name for a difference of this size from the reference.
 
         Of a size at the end of what is believed only that it is no less is known.
         """
@@ -129,7 +129,7 @@ class Knob:
         return text.format(joint=self.joint, size=bound + self.amount(abs(size)), than=than)
 
     def remedy(self) -> str:
-        """Return what settles it."""
+        """Return the remedy."""
         return self.about.remedy.format(joint=self.joint)
 
     def amount(self, size: float) -> str:
@@ -281,7 +281,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         ),
     }
 )  # fmt: skip
-"""Every kind of difference that a twin can be bent by."""
+"""Every kind of knob."""
 
 
 def knobs(lamp: Lamp) -> list[Knob]:

@@ -1,4 +1,4 @@
-"""The report: one self-contained HTML file that a person can judge a run by; report.js draws its plots."""
+"""The report: one self-contained HTML file that shows how a run went; report.js draws its plots."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ _PARTS = ("uPlot.iife.min.js", "uPlot.min.css", "report.js", "report.css")
 
 
 def three(comparison: Comparison) -> tuple[tuple[str, str, str], ...]:
-    """Return the verdict's three parts: each its question, its answer in a word or two, and what that rests on."""
+    """Return the three questions, each with its answer in a word or two and the reasons."""
     task, judged, alone = comparison.task, comparison.judged, comparison.alone
     against = "Does the twin explain it?"
     same = "Driven with the goal angles that the lamp was sent, the twin does the same"
@@ -180,7 +180,7 @@ def _title(comparison: Comparison) -> str:
 
 
 def _colours(comparison: Comparison) -> tuple[str, str, str]:
-    """Return the class of each of the three parts."""
+    """Return the CSS class of each of the three answers."""
     of = {DONE: "good", INSIDE: "good", CANNOT_SAY: "open"}
     alone = comparison.alone
     return (
@@ -221,8 +221,8 @@ def _diagnosis(comparison: Comparison) -> str:
         "What must have changed between the two runs; the change that explains most comes first. Twins with one number "
         "changed replayed both runs; the bar is the share of the difference that a change accounts for"
         if comparison.reference
-        else "Likeliest first. Twins with one number changed replayed the run; the bar is how much of the difference the "
-        "best size explains beyond the lines above it"
+        else "Likeliest first. Twins with one number changed replayed the run; the bar is how much of the difference "
+        "the best size explains beyond the lines above it"
     )
     return (
         f"<section><h2>What is different</h2><p class='note'>{how}.</p><ol class='diagnosis'>{items}</ol>"

@@ -59,7 +59,7 @@ def compare_log(
         truth: The truth log of an emulated lamp, where there is one.
         landed: How far the base came by a ruler [m]; it counts before the truth.
         tolerances: What is allowed; None: calibration/tolerances/default.toml.
-        diagnosis: Replay bent twins to say what differs; takes a few seconds.
+        diagnosis: Find causes by replays of twins with one knob changed; takes a few seconds.
 
     Raises:
         FileError: A file is missing, is no log, or belongs to another lamp; the report cannot be written.
@@ -93,9 +93,9 @@ def compare_logs(
     tolerances: Tolerances | None = None,
     diagnosis: bool = True,
 ) -> Comparison:
-    """Compare two runs of one controller to one goal: a lamp's with a simulation's, or today's with yesterday's.
+    """Compare two runs of one controller to one goal: a lamp's with a twin's, or today's with yesterday's.
 
-    Both are laid over each other from the controller's first tick on. The diagnosis replays both in the twin, and says
+    Both begin at the controller's first tick. The diagnosis replays both in the twin, and says
     what must have changed between them.
 
     Args:
@@ -106,7 +106,7 @@ def compare_logs(
         out: The HTML report.
         truths: What truly happened in each, of emulated lamps.
         tolerances: What is allowed; None: calibration/tolerances/default.toml.
-        diagnosis: Replay bent twins to say what differs; takes a few seconds.
+        diagnosis: Find causes by replays of twins with one knob changed; takes a few seconds.
 
     Raises:
         FileError: A file is missing, is no log, or belongs to another lamp; the two are of different controllers or
@@ -229,7 +229,7 @@ def _lay_over(
 
 
 def seen(run: Run, truth: Truth | None, ruler: float | None, lamp: Lamp, name: str = "lamp") -> tuple[Side, Landing]:
-    """Return the lamp's side of a run, and what is known of where it landed: by a ruler before the truth.
+    """Return the lamp's side of a run, and where it landed: by the ruler if there is one, else by the truth log.
 
     Args:
         run: The log.

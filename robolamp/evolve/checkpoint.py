@@ -1,4 +1,4 @@
-"""Checkpoints: everything that decides how a run goes on, in one JSON file that is replaced whole."""
+"""Checkpoints: everything that a run needs to continue, in one JSON file that is replaced as a whole."""
 
 from __future__ import annotations
 

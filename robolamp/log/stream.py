@@ -1,6 +1,6 @@
-"""Reads the records of an MCAP file as far as they are whole: after kill -9, and past damage where one asks for it.
+"""Reads the undamaged records of an MCAP file: after kill -9, and on request past damage.
 
-A few bytes can stand for gigabytes: a chunk is unpacked piece by piece, and no further than a log may be large.
+A few bytes can stand for gigabytes, so a chunk is unpacked piece by piece, up to the largest size of a log.
 """
 
 from __future__ import annotations
