@@ -93,7 +93,7 @@ def findings(fit: LampFit, session: LampSession, lamp: Lamp, base: Calibration) 
     return [
         *_missing(session),
         *_delay(fit, lamp, base),
-        *_zeros(fit, lamp),
+        *_zeros(fit),
         *_foot(fit),
         *_gears(fit),
         *_unknown(fit, session),
@@ -124,7 +124,7 @@ def _delay(fit: LampFit, lamp: Lamp, base: Calibration) -> list[str]:
     ]
 
 
-def _zeros(fit: LampFit, lamp: Lamp) -> list[str]:
+def _zeros(fit: LampFit) -> list[str]:
     found = []
     for index, unknown in enumerate(fit.asked):
         value = unknown.value(float(fit.z[index]))
