@@ -100,7 +100,7 @@ def compare(
         known = truth_of(first, truth), truth_of(second, None)
         truths = known[0] and known[0].path, known[1] and known[1].path
         simulated = [each.context.get("backend") == "twin" for each in (first, second)]
-        # Without a simulation among them, the earlier run is what the later one is held against.
+        # Without a twin among them, the later run is compared with the earlier one.
         if simulated == [True, False] or (not any(simulated) and first.log_time[0] < second.log_time[0]):
             run, other, truths = other, run, (truths[1], truths[0])
         out = output or run.with_name(f"{run.stem}-{other.stem}.html")

@@ -75,7 +75,7 @@ def emulate(
         else:
             rig = lamp_rig(lamp, calibration or "nominal", reality or "worn", faults, factory, eeprom)
         if rig.faults.unplugs and ports is None:
-            raise RobolampError("unplugs a port; give --ports DIR, whose links survive that", str(faults))
+            raise RobolampError("unplugs a port; give --ports DIR, whose links stay", str(faults))
         if ports is not None:
             closing.enter_context(alone(ports))
         report = InjectionLog(injections)

@@ -70,7 +70,7 @@ def replay(
 
 
 def show(log: Path, setup: Setup, page: Path) -> None:
-    """Write a run's page and open it in the browser, without waiting; nothing where nobody would see it.
+    """Write a run's page and open it in the browser, without waiting; does nothing where there is no display.
 
     Args:
         log: The log of the run.

@@ -36,7 +36,7 @@ def changed(now: Evidence, before: Evidence, lamp: Lamp) -> Account:
 
     Args:
         now: The run that is judged.
-        before: The run it is held against.
+        before: The run it is compared with.
         lamp: The lamp's description.
     """
     if missing := now.missing or before.missing:

@@ -28,7 +28,7 @@ from robolamp.log.reader import Run, Truth
 SENT = 0.002
 """Time by which goals leave later than the calibration's line delay says [s]."""
 HELD_UP = 0.0015
-"""Time by which answers take longer than their packets that is worth a word [s]; chosen: an adapter whose latency timer
+"""Time by which answers take longer than their packets, from which a finding names it [s]; chosen: an adapter whose latency timer
 is set to 1 ms, on a full-speed USB of 1 ms frames, costs less."""
 GAPS = 0.01
 """Share of readings that did not arrive, or of ticks that were missed."""
@@ -93,7 +93,7 @@ def diagnose(
         joints: The differences, joint by joint.
         calibration: What the twin was calculated with.
         lamp: The lamp's description.
-        than: What the lamp is held against, as in "weaker than modelled".
+        than: What the lamp is compared with, as in "weaker than modelled".
         truth: What the lamp truly did; None: nobody knows.
     """
     turned = [told(run, each, joints, than) for each in account.causes if each.knob]
@@ -177,7 +177,7 @@ def told(run: Run, one: Explanation, joints: Sequence[JointError], than: str) ->
         run: The lamp's run.
         one: The explanation.
         joints: The differences, joint by joint.
-        than: What the lamp is held against.
+        than: What the lamp is compared with.
     """
     assert one.knob is not None
     facts = "; ".join(_facts(run, one, joints))

@@ -141,10 +141,10 @@ def sentence(comparison: Comparison) -> str:
         f"On average the joints are {mean:.1f} mrad from the {whose}{late}; the {worst.name} is off most, by "
         f"{worst.after.mae * 1e3:.1f} mrad (allowed: {comparison.tolerances.joint_mae * 1e3:.0f})."
     )
-    if math.isfinite(comparison.lamp_travel) and math.isfinite(comparison.twin_travel):
+    if math.isfinite(comparison.lamp.travel) and math.isfinite(comparison.other.travel):
         who = "twin, replaying its goal angles," if comparison.reference is None else comparison.other.name
         said += (
-            f" The {comparison.lamp.name} came {_cm(comparison.lamp_travel)}, the {who} {_cm(comparison.twin_travel)}"
+            f" The {comparison.lamp.name} came {_cm(comparison.lamp.travel)}, the {who} {_cm(comparison.other.travel)}"
             f" (allowed: {_cm(comparison.tolerances.travel)} apart)."
         )
     return said
@@ -455,11 +455,11 @@ def _facts(comparison: Comparison, name: str) -> str:
 
 def _landed(comparison: Comparison) -> str:
     replays = " (replaying the lamp's goal angles)" if comparison.reference is None else ""
-    other = f"{comparison.other.name}{replays} {_cm(comparison.twin_travel)}"
-    if not math.isfinite(comparison.lamp_travel):
+    other = f"{comparison.other.name}{replays} {_cm(comparison.other.travel)}"
+    if not math.isfinite(comparison.lamp.travel):
         said = f"{other}; the {comparison.lamp.name}'s own travel is not measured"
     else:
-        said = f"{comparison.lamp.name} {_cm(comparison.lamp_travel)}, {other}"
+        said = f"{comparison.lamp.name} {_cm(comparison.lamp.travel)}, {other}"
     return said if comparison.alone.why else f"{said}; the controller alone on the twin {_cm(comparison.alone.travel)}"
 
 

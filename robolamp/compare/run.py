@@ -100,7 +100,7 @@ def compare_logs(
 
     Args:
         log: The run that is judged.
-        reference: What it is held against.
+        reference: What it is compared with.
         assets: Where lamp, model and tolerances are.
         calibration: What the twin is calculated with, for the diagnosis.
         out: The HTML report.
@@ -134,7 +134,7 @@ def compare_logs(
     if diagnosis:
         both = Evidence(run, lamp, calibration, assets), Evidence(held, lamp, calibration, assets)
         account = changed(*both, lamp)
-    than = "in the simulation" if comparison.other.name == "twin" else "before"
+    than = "on the twin" if comparison.other.name == "twin" else "before"
     found = diagnose(run, account, comparison.joints, calibration, lamp, than, truth=true[0])
     return _finish(comparison, tuple(found), account)
 
@@ -163,7 +163,7 @@ def compare_joints(run: Run, lamp: Side, other: Side) -> tuple[JointError, ...]:
     Args:
         run: The lamp's run.
         lamp: What the lamp did.
-        other: What it is held against.
+        other: What it is compared with.
     """
     rows = compared(run)
     return tuple(
@@ -281,7 +281,7 @@ def called(run: Run, held: Run) -> tuple[str, str]:
 
     Args:
         run: The run that is judged.
-        held: What it is held against.
+        held: What it is compared with.
     """
     if held.context.get("backend") == "twin":
         return "lamp", "twin"

@@ -98,7 +98,7 @@ class Motion:
 
     @property
     def watching(self) -> bool:
-        """Whether `step` must be told what the sensors measure: it counts turns, regulates, or follows a profile."""
+        """Whether `step` needs what the sensors measure: it counts turns, regulates, or follows a profile."""
         return self._regulating or self._profile.ongoing or self.mode is not OperatingMode.POSITION
 
     def power_on(self, seen: Sensed) -> None:

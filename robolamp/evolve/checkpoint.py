@@ -32,7 +32,7 @@ class Checkpoint:
         stage: "evolution", "tuning" or "done".
         generation: The next one to be evaluated.
         population: Its individuals: genotypes, as are all individuals here but those of `known` and `traced`.
-        mothers: For each individual the index in `parents` of whom it has most from; -1: nobody.
+        mothers: For each individual the index in `parents` of the one it has most from; -1: none.
         parents: What the population was bred from.
         promise: What fitness is expected of each individual.
         known: `MEASURES` on every case of the programs that are remembered, by key.

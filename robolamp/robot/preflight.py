@@ -45,7 +45,7 @@ WARM = 55.0
 """Temperature above which a servo is not started [degC]: 10 below the loop's limit, some minutes of hopping."""
 
 LOOKS = 5
-"""How often all servos are read at most until each has told its state: a noisy line loses an answer now and then."""
+"""How often all servos are read at most until each has sent its state: a noisy line loses an answer now and then."""
 
 SYSFS = Path("/sys/bus/usb-serial/devices")
 """Where Linux keeps the latency timers of USB serial adapters."""

@@ -34,7 +34,7 @@ class Roll:
 
     Attributes:
         present: Of each joint whose servo is there, alone and of the right model, by index: what it answered.
-        missing: What is wrong where nobody answers, one text each.
+        missing: What is wrong with servos that do not answer, one text each.
         wrong: What is wrong with those who do.
         doubled: Whether several servos answer to one id: nothing must be written.
     """

@@ -45,7 +45,7 @@ def test_the_twin_itself_is_inside_with_nothing_to_tell(tmp_path):
         assert abs(joint.lag) < 0.0005
         assert joint.after.mae < 0.001  # the encoder's steps alone are 0.4 mrad
         assert joint.samples == joint.of == RUN
-    assert abs(result.lamp_travel - result.twin_travel) < 0.001
+    assert abs(result.lamp.travel - result.other.travel) < 0.001
     assert result.diagnosis == ()
 
 
@@ -125,7 +125,7 @@ def test_without_truth_the_lamps_travel_is_unknown(tmp_path):
     result = compare_log(log, assets=ASSETS, calibration=CALIBRATION, out=tmp_path / "report.html", diagnosis=False)
     assert result.verdict == result.task.word == "cannot say"
     assert result.judged.why == ("travel unknown: nothing measured how far the lamp came",)
-    assert np.isnan(result.lamp_travel)
+    assert np.isnan(result.lamp.travel)
     assert json.loads(json.dumps(jsonable(result.as_dict()), allow_nan=False))["travel_m"] is None
 
 
@@ -267,8 +267,8 @@ def test_tolerances_decide(tmp_path):
         tolerances=load_tolerances(ASSETS, strict),
     )
     assert result.verdict == "outside"
-    assert len(result.exceeded) == 3
-    assert result.exceeded[0].startswith("ankle: MAE 0.")
+    assert len(result.judged.exceeded) == 3
+    assert result.judged.exceeded[0].startswith("ankle: MAE 0.")
 
 
 @pytest.mark.parametrize(
