@@ -18,9 +18,7 @@ from robolamp.errors import RobolampError
 from robolamp.lamp import load_lamp
 from robolamp.ports import Holder, check_serial, holders, holds
 
-_GRACE = (
-    6.0  # s after SIGTERM: a soft landing takes 1, servos that do not confirm are asked for 2, a deploy starts in 2
-)
+_GRACE = 6.0  # s after SIGTERM: a soft landing takes 1, unconfirmed servos are asked for 2, a deploy starts in 2
 _KILLED = 2.0  # s after SIGKILL: what the kernel needs, and a slow driver
 _LOOK = 0.05  # s: between two looks whether it is over
 

@@ -28,7 +28,7 @@ from robolamp.log.reader import Run, Truth
 SENT = 0.002
 """Time by which goals leave later than the calibration's line delay says [s]."""
 HELD_UP = 0.0015
-"""Time by which answers take longer than their packets, from which a finding names it [s]; chosen: an adapter whose latency timer
+"""Excess of an answer's time over its packets' that is named [s]; chosen: an adapter whose latency timer
 is set to 1 ms, on a full-speed USB of 1 ms frames, costs less."""
 GAPS = 0.01
 """Share of readings that did not arrive, or of ticks that were missed."""

@@ -65,8 +65,8 @@ def verdict_of(
 ) -> Verdict:
     """Return whether the reference (twin or other run) explains what the lamp did.
 
-    Against the twin's replay a travel that nobody measured leaves the verdict open. Of two logs it is left out where
-    it is not known of both.
+    With the twin as reference, an unmeasured travel makes it "cannot say". Of two logs, travel counts only where both
+    are known.
 
     Args:
         run: The lamp's log.
