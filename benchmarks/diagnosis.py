@@ -110,7 +110,7 @@ def trial(kind: str, number: int, seed: int) -> tuple[str, str, float, str, floa
         return kind, called, size, "nothing", 0.0, 0.0, took
     first = found[0]
     if kind == "line latency" and first.knob == "delay":
-        called = "delay"  # goals take effect later: either name is right
+        called = "delay"  # goal angles take effect later: either name is right
     return kind, called, size, first.knob, first.size, first.share, took
 
 

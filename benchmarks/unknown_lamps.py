@@ -4,8 +4,8 @@
 
 Each reality is drawn by `robolamp.emulator.draw.random_reality` (play, sag, bending, jitter, encoder waves, masses,
 friction: more than the twin's family of models has), recorded through the emulated serial ports by `robolamp calibrate
-all`, fitted without being told, and asked for a hop to 22 cm. A line a lamp, then the medians. Some minutes a lamp on 2
-cores.
+all`, fitted without knowing its numbers, and judged by a hop to 22 cm. A line for each lamp, then the medians. Some
+minutes a lamp on 2 cores.
 """
 
 from __future__ import annotations

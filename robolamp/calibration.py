@@ -22,56 +22,54 @@ class Range:
         unit: Its unit.
         low: Smallest sane value.
         high: Largest sane value.
-        meaning: What it is.
         default: What it is where a file does not say; None: a file must.
     """
 
     unit: str
     low: float
     high: float
-    meaning: str
     default: float | None = None
 
 
 SERVO: Mapping[str, Range] = {
-    "torque_constant": Range("Nm/A", 0.02, 5.0, "output torque per ampere of winding current, gear ratio included"),
-    "resistance": Range("Ohm", 0.1, 100.0, "of the winding and driver"),
-    "armature": Range("kg m^2", 1e-6, 0.1, "rotor inertia seen at the output"),
-    "viscous": Range("Nm s/rad", 0.0, 0.5, "friction proportional to speed"),
-    "coulomb": Range("Nm", 0.0, 0.5, "friction independent of speed and load"),
-    "stribeck": Range("Nm", 0.0, 0.5, "extra friction at standstill"),
-    "stribeck_velocity": Range("rad/s", 0.01, 5.0, "speed at which the extra friction has fallen to 1/e"),
-    "load_motor": Range("1", 0.0, 0.9, "friction per motor torque"),
-    "load_external": Range("1", 0.0, 0.9, "friction per torque from outside"),
-    "load_external_stribeck": Range("1", 0.0, 0.9, "extra friction per torque from outside, at standstill"),
-    "gain_divisor": Range("1", 64.0, 1024.0, "counts of Position P Gain per unit of proportional gain"),
-    "delay": Range("s", 0.0, 0.05, "from a goal's arrival at the servo to the voltage it causes"),
-    "stribeck_exponent": Range("1", 0.2, 4.0, "how sharply the extra friction falls with speed", 1.0),
-    "load_motor_stribeck": Range("1", -0.5, 0.9, "extra friction per motor torque, at standstill", 0.0),
-    "asymmetry": Range("1", -0.5, 0.5, "friction towards larger angles, above its mean", 0.0),
-    "saturation": Range("1/A", 0.0, 2.0, "loss of torque per ampere of winding current", 0.0),
-    "supply_resistance": Range("Ohm", 0.0, 5.0, "between the supply and the motor's driver: voltage sag", 0.0),
-    "resistance_temperature": Range("1/K", -0.05, 0.1, "growth of the resistance per degree above 30 degC", 0.0),
-    "viscous_temperature": Range("1/K", -0.3, 0.1, "logarithmic growth of viscous per degree above 30 degC", 0.0),
+    "torque_constant": Range("Nm/A", 0.02, 5.0),  # output torque per ampere of winding current, gear ratio included
+    "resistance": Range("Ohm", 0.1, 100.0),  # of the winding and driver
+    "armature": Range("kg m^2", 1e-6, 0.1),  # rotor inertia seen at the output
+    "viscous": Range("Nm s/rad", 0.0, 0.5),  # friction proportional to speed
+    "coulomb": Range("Nm", 0.0, 0.5),  # friction independent of speed and load
+    "stribeck": Range("Nm", 0.0, 0.5),  # extra friction at standstill
+    "stribeck_velocity": Range("rad/s", 0.01, 5.0),  # speed at which the extra friction has fallen to 1/e
+    "load_motor": Range("1", 0.0, 0.9),  # friction per motor torque
+    "load_external": Range("1", 0.0, 0.9),  # friction per torque from outside
+    "load_external_stribeck": Range("1", 0.0, 0.9),  # extra friction per torque from outside, at standstill
+    "gain_divisor": Range("1", 64.0, 1024.0),  # counts of Position P Gain per unit of proportional gain
+    "delay": Range("s", 0.0, 0.05),  # from a goal's arrival at the servo to the voltage it causes
+    "stribeck_exponent": Range("1", 0.2, 4.0, 1.0),  # how sharply the extra friction falls with speed
+    "load_motor_stribeck": Range("1", -0.5, 0.9, 0.0),  # extra friction per motor torque, at standstill
+    "asymmetry": Range("1", -0.5, 0.5, 0.0),  # friction towards larger angles, above its mean
+    "saturation": Range("1/A", 0.0, 2.0, 0.0),  # loss of torque per ampere of winding current
+    "supply_resistance": Range("Ohm", 0.0, 5.0, 0.0),  # between the supply and the motor's driver: voltage sag
+    "resistance_temperature": Range("1/K", -0.05, 0.1, 0.0),  # growth of the resistance per degree above 30 degC
+    "viscous_temperature": Range("1/K", -0.3, 0.1, 0.0),  # logarithmic growth of viscous per degree above 30 degC
 }
 """Parameters of a servo, the same for every joint or for one joint alone."""
 
 LAMP: Mapping[str, Range] = {
-    "supply_voltage": Range("V", 3.0, 15.0, "at the servos"),
-    "line_delay": Range("s", 0.0, 0.05, "from the start of a tick to the goal's arrival at the servo"),
-    "floor_friction": Range("1", 0.05, 3.0, "sliding friction coefficient of foot on floor"),
-    "foot_gain": Range("1", 0.1, 10.0, "foot sensor reading per true force"),
-    "mass_scale": Range("1", 0.5, 2.0, "all link masses, times this"),
-    "contact_softness": Range("1", 1.0, 5.0, "time constant of the foot's contact with the floor, times this", 1.0),
-    "supply_resistance": Range("Ohm", 0.0, 1.0, "of the supply and its leads, which all servos share: sag", 0.0),
-    "arm_stiffness": Range("Nm/rad", 5.0, 60.0, "of each arm link in bending; left out: rigid", math.inf),
+    "supply_voltage": Range("V", 3.0, 15.0),  # at the servos
+    "line_delay": Range("s", 0.0, 0.05),  # from the start of a tick to the goal's arrival at the servo
+    "floor_friction": Range("1", 0.05, 3.0),  # sliding friction coefficient of foot on floor
+    "foot_gain": Range("1", 0.1, 10.0),  # foot sensor reading per true force
+    "mass_scale": Range("1", 0.5, 2.0),  # all link masses, times this
+    "contact_softness": Range("1", 1.0, 5.0, 1.0),  # time constant of the foot's contact with the floor, times this
+    "supply_resistance": Range("Ohm", 0.0, 1.0, 0.0),  # of the supply and its leads, which all servos share: sag
+    "arm_stiffness": Range("Nm/rad", 5.0, 60.0, math.inf),  # of each arm link in bending; left out: rigid
 }
 """Parameters of the lamp as a whole."""
 
 JOINT: Mapping[str, Range] = {
-    "encoder_offset": Range("rad", -0.3, 0.3, "what the encoder reads at true angle 0", 0.0),
-    "link_mass": Range("1", 0.5, 2.0, "mass and inertia of the link that the joint turns, times this", 1.0),
-    "backlash": Range("rad", 0.0, 0.1, "play between gear train and output, from end to end", 0.0),
+    "encoder_offset": Range("rad", -0.3, 0.3, 0.0),  # what the encoder reads at true angle 0
+    "link_mass": Range("1", 0.5, 2.0, 1.0),  # mass and inertia of the link that the joint turns, times this
+    "backlash": Range("rad", 0.0, 0.1, 0.0),  # play between gear train and output, from end to end
 }
 """Parameters of one joint, beside those of its servo."""
 

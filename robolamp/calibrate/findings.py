@@ -93,7 +93,7 @@ def findings(fit: LampFit, session: LampSession, lamp: Lamp, base: Calibration) 
     return [
         *_missing(session),
         *_delay(fit, lamp, base),
-        *_zeros(fit, lamp),
+        *_zeros(fit),
         *_foot(fit),
         *_gears(fit),
         *_unknown(fit, session),
@@ -102,7 +102,7 @@ def findings(fit: LampFit, session: LampSession, lamp: Lamp, base: Calibration) 
 
 def _missing(session: LampSession) -> list[str]:
     gaps = [f"{recording.name} {recording.missing}" for recording in session.recordings if recording.missing]
-    return [f"Readings are missing, and left out: {', '.join(gaps)}. Look at cable and plugs."] if gaps else []
+    return [f"Readings are missing: {', '.join(gaps)}. Check cable and plugs."] if gaps else []
 
 
 def _delay(fit: LampFit, lamp: Lamp, base: Calibration) -> list[str]:
@@ -119,19 +119,19 @@ def _delay(fit: LampFit, lamp: Lamp, base: Calibration) -> list[str]:
         return [f"{told}. They agree within {DELAY_AGREES * 1e3:.1f} ms."]
     slow = "slower" if fitted > fit.latency else "quicker"
     return [
-        f"{told}. They do not agree: the servos themselves are {slow} than nominal, or goals wait where no stamp "
-        "sees it (a latency timer, a hub)."
+        f"{told}. They do not agree: the servos themselves are {slow} than nominal, or goal angles wait "
+        "where no time stamp shows it (a latency timer, a hub)."
     ]
 
 
-def _zeros(fit: LampFit, lamp: Lamp) -> list[str]:
+def _zeros(fit: LampFit) -> list[str]:
     found = []
     for index, unknown in enumerate(fit.asked):
         value = unknown.value(float(fit.z[index]))
         if unknown.name == "encoder_offset" and fit.identified(index) and abs(value) > _ZERO:
             found.append(
                 f"The zero of {unknown.joint} is off by {value:+.3f} rad: set it again with `robolamp setup zero`, or "
-                "keep it in the calibration, which knows it now."
+                "leave it: the calibration holds it now."
             )
     return found
 
@@ -140,7 +140,7 @@ def _foot(fit: LampFit) -> list[str]:
     if math.isfinite(fit.foot_offset) and abs(fit.foot_offset) > _TARE:
         return [
             f"The foot sensor shows {fit.foot_offset:+.2f} N in the air: tare it with `robolamp setup foot`. The gain "
-            "found here is of what it shows beyond that."
+            "found here applies to what it shows beyond that."
         ]
     return []
 
@@ -151,7 +151,7 @@ def _gears(fit: LampFit) -> list[str]:
     if math.isnan(bent):
         return []
     if math.isinf(bent):
-        return ["Play and bending of the arm are left out of the twin: the recordings tell neither."]
+        return ["Play and bending of the arm are left out of the twin: the recordings determine neither."]
     tried = f"on recordings not fitted to, joints are off by {rigid * 1e3:.2f} mrad without them, {bent * 1e3:.2f} with"
     found = [
         f"{unknown.label} {value * 1e3:.1f} mrad" if unknown.joint else f"{unknown.label} {value:.0f} Nm/rad"
@@ -159,7 +159,7 @@ def _gears(fit: LampFit) -> list[str]:
         if unknown.name in GEARS and (value := unknown.value(float(fit.z[index])))
     ]
     if not found:
-        return [f"Play and bending of the arm are left out of the twin, since they do not make it better: {tried}."]
+        return [f"Play and bending of the arm are left out of the twin, because they do not improve it: {tried}."]
     return [f"Play and bending of the arm are in the twin ({', '.join(found)}): {tried}."]
 
 
@@ -177,9 +177,9 @@ def _unknown(fit: LampFit, session: LampSession) -> list[str]:
         ]
         strength, partner = max(others)
         kept = f"{unknown.prior:g} {unknown.unit}".removesuffix(" 1")
-        text = f"{unknown.label} is not told by these recordings, and keeps its prior of {kept}"
+        text = f"{unknown.label} is not determined by these recordings, and keeps its prior of {kept}"
         if strength > _STRONG:
-            text += f"; it cannot be told apart from {partner}"
+            text += f"; it has the same effect as {partner}"
         if unknown.name in ("torque_constant", "resistance") and not dropped:
             text += ". Record a torque-off drop to separate K from R"
         found.append(text + ".")

@@ -44,14 +44,12 @@ class Flight:
     """One flight of a recording.
 
     Attributes:
-        recording: Name of the recording.
         takeoff: By the foot sensor, since the recording's first sample [s].
         landing: [s].
         predicted_takeoff: In the twin [s]; NaN where it does not fly then.
         predicted_landing: In the twin [s].
     """
 
-    recording: str
     takeoff: float
     landing: float
     predicted_takeoff: float
@@ -118,7 +116,7 @@ def fit_floor(recordings: Sequence[LampRecording], lamp: Lamp, calibration: Cali
         travel[hop.name] = (float(hop.travel or 0.0), way(shot, best))
         seen, predicted = flights_in(hop, lamp.flight_time), flights_of(shot, best, lamp.flight_time)
         for (takeoff, landing), nearest in zip(seen, matched(seen, predicted), strict=True):
-            found.append(Flight(hop.name, takeoff, landing, *nearest))
+            found.append(Flight(takeoff, landing, *nearest))
     return Floor(values, offset, travel, tuple(found))
 
 

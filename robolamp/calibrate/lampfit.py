@@ -46,7 +46,6 @@ class LampFit:
     """What a session told of a lamp.
 
     Attributes:
-        calibration: The base calibration with everything that was found (its file's text is not made yet).
         asked: The unknowns of the joints, m of them; play and stiffness are among them where they are worth it.
         z: Their values, in standard deviations from their priors, shape (m,); 0 where not identified.
         sigma: Their standard errors in the same measure, shape (m,).
@@ -61,7 +60,6 @@ class LampFit:
             [rad]; NaN for what was not tried, infinite where the recordings tell neither play nor stiffness.
     """
 
-    calibration: Calibration
     asked: tuple[Unknown, ...]
     z: Array
     sigma: Array
@@ -212,7 +210,6 @@ def fit_lamp(
         offset = floor.foot_offset
         values.update(floor.values)
     return LampFit(
-        calibration=calibrated(base, asked, z, {name: value for name, (value, _) in values.items()}),
         asked=asked,
         z=z,
         sigma=sigma,

@@ -173,8 +173,8 @@ def procedure(lamp: Lamp) -> tuple[Step, ...]:
         made.append(
             Step(
                 f"hop-{round(goal * 100)}cm",
-                "Mark with tape where the front of the base stands. When it has hopped, measure how far it came.",
-                "softness of the ground contact and friction of the floor, by the flight times and the way it came",
+                "Mark with tape where the front of the base stands. When it has hopped, measure how far it went.",
+                "softness of the ground contact and friction of the floor, from flight times and length of the hop",
                 False,
                 controller="hop",
                 goal=goal,

@@ -199,7 +199,7 @@ def _record_step(
             elif person:
                 travel = person.travel("How far did the base come?")
         if travel is not None and not math.isfinite(travel):
-            raise SafetyError("the way it went is not known", step.name)
+            raise SafetyError("how far it went is not known", step.name)
     return Entry(step.name, final.name, sha256(final), step.clamped, travel), ports.mass
 
 

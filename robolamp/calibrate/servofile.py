@@ -53,7 +53,7 @@ def servo_file(name: str, fit: ServoFit, *, by: str = "", date: str = "") -> str
         if key in fit.solution.chart.names:
             servo.add(key, _fitted(fit, key, values[key]))
         elif legal.default is None and (before is None or values[key] != before.value):
-            off = "off: the recordings left out were not predicted better with it"
+            off = "off: the left-out recordings were not predicted better with it"
             servo.add(key, _inline(Parameter(values[key], legal.unit, None, off)))
         elif before is not None:
             servo.add(key, _inline(before))
@@ -77,7 +77,7 @@ def _fitted(fit: ServoFit, name: str, value: float) -> InlineTable:
     elif name in fit.at_bound:
         parameter = Parameter(_rounded(value), legal.unit, None, "fitted: at its bound", False)
     else:
-        source = f"not told by the recordings: its prior, from {fit.base.name}"
+        source = f"not determined by the recordings: its prior, from {fit.base.name}"
         parameter = Parameter(_rounded(value), legal.unit, None, source, False)
     return _inline(parameter)
 

@@ -58,11 +58,6 @@ class LampRecording:
         """How many readings of a joint's angle are missing among the ticks that count."""
         return int(np.isnan(self.run.angle[self.rows]).sum())
 
-    @property
-    def duration(self) -> float:
-        """From the first tick that counts to the last [s]."""
-        return float(self.run.began[self.last] - self.run.began[self.first])
-
 
 @dataclass(frozen=True)
 class LampSession:

@@ -193,4 +193,4 @@ def require_sound(recordings: Sequence[Recording], servo: str | None = None) -> 
         if recording.servo and recording.servo != wanted:
             raise FileError(f"is of another servo: {recording.servo}, expected {wanted}", recording.name)
     if not any(recording.torque.any() for recording in recordings):
-        raise RobolampError("torque is off in every recording: nothing tells about the motor", "recordings")
+        raise RobolampError("torque is off in every recording: none shows what the motor does", "recordings")

@@ -31,14 +31,12 @@ class Simulated:
 
     Attributes:
         angle: Joint angles when they were measured, shape (k, N, n) [rad]; NaN where they were not.
-        force: Floor force on the foot, shape (k, N) [N].
         base_x: Base centre, shape (k, N) [m].
         contact_time: Time of each physics step, shape (S,) [s].
         contact: Whether the floor carried the foot, shape (k, S).
     """
 
     angle: Array
-    force: Array
     base_x: Array
     contact_time: Array
     contact: NDArray[np.bool_]
@@ -119,7 +117,6 @@ def simulate(recording: LampRecording, twins: Sequence[TwinModel]) -> Simulated:
     foot_at = run.measured_at[rows] - run.foot_age[rows]
     return Simulated(
         angle=angle,
-        force=_at(foot_at, begin, dt, forces).T,
         base_x=_at(foot_at, begin, dt, base).T,
         contact_time=time,
         contact=(forces > 0.0).T,

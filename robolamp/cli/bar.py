@@ -37,5 +37,5 @@ def bar(words: str, *, quiet: bool) -> Iterator[Callable[[float], None]]:
 
 
 def note(text: str) -> None:
-    """Tell on stderr what was left out or filled in: stdout is for the answer."""
+    """Print on stderr what was left out or filled in: stdout is for the answer."""
     print(f"robolamp: {on_one_line(text)}", file=sys.stderr, flush=True)

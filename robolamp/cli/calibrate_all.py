@@ -33,13 +33,14 @@ def all(
     predicts the lamp; 1: it does not. The steps one by one, as for a physical lamp: record, lamp, report.
 
     Args:
-        output: Folder for recordings, calibration and report; goes on where it stopped.
-        emulate: Say that an emulated lamp is meant; a physical one needs hands: `robolamp calibrate record`.
-        reality: How the lamp differs from its twin: a file, the name of one (worn), none, or random:SEED.
-        goal: Of the hop that proves it, as 22cm; not one of those recorded.
-        base: What is known before: a calibration file, or a name in calibration/.
+        output: Folder for recordings, calibration and report; with the same folder it continues where it stopped.
+        emulate: Confirms that you want an emulated lamp; for a physical one see `robolamp calibrate record`.
+        reality: Reality, which says how the lamp differs from its twin: a file, the name of one (worn), none, or
+            random:SEED.
+        goal: Goal of the hop that tests the calibration, as 22cm; not one of those recorded.
+        base: Calibration to start from, which gives the priors: a file, or a name in calibration/.
         rigid: Do not look for play in the gears and bending of the arm, as for `robolamp calibrate lamp`.
-        lamp: A folder of your own lamp, laid out like robolamp's.
+        lamp: Folder of your own lamp, as `robolamp new` makes it.
         as_json: Print one JSON object.
     """
     if not emulate:

@@ -28,9 +28,9 @@ def bam(
     Args:
         file: A parameter file of Rhoban/bam (.json), to import; or a calibration file or the name of one, to export.
         output: The calibration file (.toml) or parameter file (.json) to write.
-        servo: Servo model that the parameters are of.
-        base: Importing: the calibration that gives what BAM has not, as the lamp's own numbers.
-        lamp: A folder of your own lamp, laid out like robolamp's.
+        servo: Servo model that the parameters belong to.
+        base: For an import: the calibration that gives the numbers that BAM lacks, such as the lamp's own.
+        lamp: Folder of your own lamp, as `robolamp new` makes it.
         as_json: Print one JSON object: file, left_out.
     """
     from robolamp.calibrate.bam import export_bam, import_bam  # tomlkit and the rest load after the arguments

@@ -36,15 +36,15 @@ def fit(
         recordings: Recordings, or folders of them; three or more: of `robolamp calibrate record --servo` (.mcap),
             .json of Rhoban/bam, .csv.
         output: The calibration file to write.
-        base: What is known before: a calibration file, or the name of one. Parameters stay near its values unless the
-            recordings say otherwise.
-        leave_out: Names of recordings to judge by alone (file names); without it each third of them is predicted by
-            a fit to the others.
-        starts: Starts of each fit: more find better fits, and take longer.
-        seed: Of the starts.
-        workers: Threads; without it, one a core.
-        by: Who measured, for the file's provenance.
-        lamp: A folder of your own lamp, laid out like robolamp's.
+        base: Calibration to start from, which gives the priors: a file, or a name in calibration/. Parameters stay near
+            its values unless the recordings say otherwise.
+        leave_out: Names of recordings (files) to leave out of the fit and judge it by; by default each third of the
+            recordings is predicted by a fit to the others.
+        starts: Starting points of each fit: more find better fits, and take longer.
+        seed: Seed of the starting points.
+        workers: Threads; by default one for each core.
+        by: Your name, for the file's provenance.
+        lamp: Folder of your own lamp, as `robolamp new` makes it.
         as_json: Print one JSON object: file, parameters (value, stderr, unit, identified), mae_mrad,
             left_out_mae_mrad, ladder, findings.
     """
@@ -106,10 +106,10 @@ def fit(
         )
         return 0
     for name in result.solution.chart.names:
-        error = f"± {stderr[name]:<9.2g}" if result.identified(name) else "not told  "
+        error = f"± {stderr[name]:<9.2g}" if result.identified(name) else "not known  "
         print(f"  {name:<24} {values[name]:>10.5g} {error} {legal[name].unit}")
     seen, unseen = result.mae.mean() * 1e3, result.left_out_mae * 1e3
-    print(f"mean absolute error {seen:.1f} mrad, on recordings left out {unseen:.1f} mrad")
+    print(f"mean absolute error {seen:.1f} mrad, on left-out recordings {unseen:.1f} mrad")
     for line in advice(result):
         print(f"  {line}")
     print(f"{output}   ({result.seconds:.0f} s; {result.servo_seconds:.0f} s of servo time simulated)")

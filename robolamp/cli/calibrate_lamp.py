@@ -29,16 +29,16 @@ def lamp(
 ) -> int:
     """Fit a whole lamp to a session: each joint's motor, friction, delay, zero, play; the arm; the foot; the floor.
 
-    What the recordings do not tell keeps the base calibration's value, and is named. Exit code 0: the twin predicts
-    what it was not fitted to; 1: it does not yet; 2: there was nothing to fit. Some minutes.
+    A value that the recordings do not determine keeps that of the base calibration, and is named. Exit code 0: the twin
+    predicts what it was not fitted to; 1: it does not yet; 2: there was nothing to fit. Some minutes.
 
     Args:
         session: Folder that `robolamp calibrate record` made.
         output: The calibration file to write (TOML).
-        base: What is known before: a calibration file, or a name in calibration/.
-        lamp: A folder of your own lamp, laid out like robolamp's.
-        rigid: Do not look for play in the gears and bending of the arm: a twin with them predicts better where they
-            matter, and takes more than twice as long to simulate.
+        base: Calibration to start from, which gives the priors: a file, or a name in calibration/.
+        lamp: Folder of your own lamp, as `robolamp new` makes it.
+        rigid: Do not look for play in the gears and bending of the arm. A twin with them predicts better where they
+            matter, but takes more than twice as long to simulate.
         as_json: Print one JSON object.
     """
     setup = Setup.of(lamp, base)
@@ -109,7 +109,7 @@ def fit_session(
 
 
 def tell(judged: Verdict, facts: dict[str, Any]) -> None:
-    """Print what a person wants to know of a fit."""
+    """Print the results of a fit."""
     print(judged.text)
     for text in facts["findings"]:
         print(f"  {text}")

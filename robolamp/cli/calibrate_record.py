@@ -55,23 +55,23 @@ def record(
         port: Serial port of the servos; by default bus.port of hardware/lamp.toml.
         foot_port: Serial port of the foot sensor; by default foot.port of hardware/lamp.toml.
         emulate: Record an emulated lamp, in virtual time.
-        reality: With --emulate, how that lamp differs from its twin: none, a file, or the name of one (worn);
-            random:SEED: everything differs; knob:KIND:SEED: one thing does, as knob:backlash:7. Without it worn, and
-            none for a servo.
+        reality: With --emulate, a reality, which says how that lamp differs from its twin: none, a file, or the name
+            of one (worn); random:SEED: everything differs; knob:KIND:SEED: one number does, as knob:backlash:7. By
+            default worn for a lamp, none for a servo.
         servo: Record one servo that turns a pendulum instead of a lamp: a file as `robolamp emulate --servos` takes,
             with one servo and its [servo.pendulum] (calibration/README.md has one).
-        fix: Mend servo settings that are wrong (EEPROM), as a new servo's Return Delay Time.
+        fix: Mend wrong servo settings (EEPROM), such as a new servo's Return Delay Time.
         step: Only this step; may be given several times. All steps: see calibration/README.md.
         unattended: Do not wait for Enter: for a lamp that stays clamped. Steps that need hands are left out.
-        by: Who records, for the manifest.
+        by: Your name, for the manifest.
         calibration: The calibration that the logs name: a file, or a name in calibration/.
-        lamp: A folder of your own lamp, laid out like robolamp's.
-        as_json: Print one JSON object. Waits for nobody: needs --emulate or --unattended.
+        lamp: Folder of your own lamp, as `robolamp new` makes it.
+        as_json: Print one JSON object. Needs --emulate or --unattended, because it cannot wait for Enter.
     """
     if emulate and (port or foot_port):
         raise RobolampError("is of no use together with --emulate", "--port" if port else "--foot-port")
     if as_json and not (emulate or unattended):
-        raise RobolampError("waits for nobody; expected --emulate or --unattended with it", "--json")
+        raise RobolampError("cannot wait for Enter; expected --emulate or --unattended with it", "--json")
     if servo is not None and foot_port:
         raise RobolampError("is of no use together with --servo: a bench has no foot sensor", "--foot-port")
     if reality is not None and not emulate:

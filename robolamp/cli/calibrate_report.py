@@ -1,4 +1,4 @@
-"""`robolamp calibrate report`: a page to judge a calibration by, by looking."""
+"""`robolamp calibrate report`: a page that shows how good a calibration is."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def report(
     lamp: Path | None = None,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
-    """Draw a calibration: every recording with the simulation laid over it, what is left, the parameters, the verdict.
+    """Draw a calibration: every recording and what the twin predicts for it, errors, parameters, the verdict.
 
     Args:
         calibration: A calibration file, or a name in calibration/.
-        recordings: The folder that `robolamp calibrate record` made, or recordings of a servo on a pendulum bench;
-            those it was fitted to, or others.
+        recordings: The folder that `robolamp calibrate record` made, or recordings of a servo on a pendulum bench; the
+            fit may have used them or not.
         output: The page to write (HTML, one file).
-        lamp: A folder of your own lamp, laid out like robolamp's.
+        lamp: Folder of your own lamp, as `robolamp new` makes it.
         as_json: Print one JSON object.
     """
     setup = Setup.of(lamp, calibration)

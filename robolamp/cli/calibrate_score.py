@@ -23,14 +23,14 @@ def score(
 ) -> int:
     """Say how well a calibration predicts recordings of a servo on a pendulum bench: mean absolute position error.
 
-    Each recording is simulated in MuJoCo from its first sample to its last, open loop, with its own goals and its
-    supply voltage as recorded.
+    It simulates each recording in MuJoCo from its first sample to its last, open loop, with the recorded goal angles
+    and supply voltage.
 
     Args:
         file: A calibration file, or the name of one in calibration/.
         recordings: Recordings, or folders of them: of `robolamp calibrate record --servo` (.mcap), .json of Rhoban/bam,
             .csv.
-        lamp: A folder of your own lamp, laid out like robolamp's.
+        lamp: Folder of your own lamp, as `robolamp new` makes it.
         as_json: Print one JSON object: recordings (file, mae_mrad, seen), mae_mrad, mae_unseen_mrad, notes.
     """
     from robolamp.calibrate.recordings import read_recordings  # mujoco and numba load after the arguments

@@ -1,4 +1,4 @@
-"""`robolamp compare`: does the lamp still do what its twin says, or what it did yesterday?"""
+"""`robolamp compare`: does the lamp still do what its twin does, or what it did yesterday?"""
 
 from __future__ import annotations
 
@@ -35,31 +35,31 @@ def compare(
 ) -> int:
     """Compare a run of the lamp with its twin, with another run, or a folder of runs with the twin.
 
-    One log: the twin replays its goals, and the two are laid over each other. Two logs of one controller: yesterday's
-    lamp and today's, or a lamp and a simulation. A folder: every run in it, how they go over time, and how well the
-    twin's scores go along with the lamp's over controllers.
+    One log: the twin replays its goal angles, and the two are compared. Two logs of one controller: yesterday's lamp
+    and today's, or a lamp and a twin. A folder: every run in it, the trend, and how well the twin's scores correlate
+    with the lamp's over controllers.
 
-    Says three things first. Did it do the task: at rest at its goal, upright, at the end of a whole run? Does the twin
-    explain it: driven with the goals that the lamp was sent, is it within the tolerances? And what does the controller
-    do alone on the twin, in its own closed loop? Where something was not measured, or a run was cut, it says that it
-    cannot say, and why.
+    It answers three questions first. Did it do the task: at rest at its goal, upright, at the end of a whole run? Does
+    the twin explain it: driven with the goal angles that the lamp was sent, is it within the tolerances? And what does
+    the controller do alone on the twin, in its own closed loop? Where something was not measured, or a run was cut, the
+    answer is "cannot say", with the reason.
 
-    Then each joint's lag and error, every hop's take-off and landing, what differs and what settles it; and it writes a
-    report to look at. Exit code 0: inside the tolerances, and nothing says that the task was not done; 1: outside, not
+    Then it shows each joint's lag and error, every hop's take-off and landing, causes and remedies; and it writes a
+    report. Exit code 0: inside the tolerances, and nothing says that the task was not done; 1: outside, not
     done, or cannot say whether it is inside; 2: could not compare. A folder is 0 or 2.
 
     Args:
         run: The log of a run (MCAP), from `robolamp dry-run` or `robolamp deploy`; or a folder of them.
-        other: A second log. The later one is held against the earlier one; a lamp's against a simulation's.
-        calibration: What the twin is calculated with: a calibration file, or the name of one.
-        lamp: Your own lamp's folder (laid out like robolamp's: hardware/, sim/, calibration/).
-        output: The report (HTML); by default beside the log, with its name. The replay's log goes beside it.
-        truth: What an emulated lamp truly did: the log of `robolamp emulate --truth`; of the first log. By default
+        other: A second log. The later one is compared with the earlier one, a lamp's with a twin's.
+        calibration: Calibration, the twin's numbers: a file, or a name in calibration/.
+        lamp: Folder of your own lamp, as `robolamp new` makes it.
+        output: The report (HTML) to write, with the replay's log beside it; by default beside the log, with its name.
+        truth: The truth log of the first log: what an emulated lamp really did (`robolamp emulate --truth`). By default
             truth.mcap, or NAME.truth.mcap, beside each log.
-        landed: How far the lamp's base came by a ruler, as 28.1cm; for one log. Nothing on a physical lamp
-            measures it, and without it there is no saying whether it did its task, nor whether the twin explains it.
-        tolerances: What is allowed: a TOML file, or the name of one in calibration/tolerances/.
-        diagnosis: Say what differs, from replays of the twin bent in many ways; without it, a few seconds less.
+        landed: How far the lamp's base came, measured with a ruler, as 28.1cm; for one log. A physical lamp cannot
+            measure it itself; without it compare cannot say whether it did its task, nor whether the twin explains it.
+        tolerances: How far lamp and twin may differ: a TOML file, or the name of one in calibration/tolerances/.
+        diagnosis: Name causes, found by replays of twins with one number changed; without it, a few seconds faster.
         as_json: Print one JSON object.
     """
     from robolamp.compare.tolerances import load_tolerances  # the heavy libraries load after the arguments
@@ -100,7 +100,7 @@ def compare(
         known = truth_of(first, truth), truth_of(second, None)
         truths = known[0] and known[0].path, known[1] and known[1].path
         simulated = [each.context.get("backend") == "twin" for each in (first, second)]
-        # Without a simulation among them, the earlier run is what the later one is held against.
+        # Without a twin among them, the later run is compared with the earlier one.
         if simulated == [True, False] or (not any(simulated) and first.log_time[0] < second.log_time[0]):
             run, other, truths = other, run, (truths[1], truths[0])
         out = output or run.with_name(f"{run.stem}-{other.stem}.html")

@@ -46,16 +46,16 @@ def deploy(
         port: Serial port of the servos; by default bus.port of hardware/lamp.toml.
         foot_port: Serial port of the foot sensor; by default foot.port of hardware/lamp.toml.
         duration: How long the controller drives, in seconds.
-        calibration: The twin's numbers: a file, or a name in calibration/.
-        lamp: A folder of your own lamp, laid out like robolamp's.
-        stage: How far it may go; by default full, without asking for the others. For a first run, in turn: shadow
-            (torque stays off; what would be commanded?), gentle (half the supply, a quarter of the speed), full
-            (everything).
-        after: The log of the stage before, which gentle and full want.
+        calibration: Calibration, the twin's numbers: a file, or a name in calibration/.
+        lamp: Folder of your own lamp, as `robolamp new` makes it.
+        stage: How much of itself the lamp may use; by default full, without the others before. For a first run, in
+            turn: shadow (torque stays off; shows what it would do), gentle (half the supply, a quarter of the speed),
+            full (everything).
+        after: The log of the stage before, which gentle and full need.
         force: Run the stage without that log.
         fix: Mend settings of the servos that are wrong and that software may mend.
-        resume_after_replug: Should the servo port be unplugged and come back within 10 seconds, go on: watchdogs
-            cleared, each joint held where it is, then softly back to where it was. By default the run ends.
+        resume_after_replug: Continue if the servo port is unplugged and comes back within 10 seconds: clear the
+            watchdogs, hold each joint where it is, then move it softly to where it was. By default the run ends.
         output: Folder for log and report; by default a new one in runs/.
         as_json: Print one JSON object.
     """

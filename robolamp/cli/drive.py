@@ -56,7 +56,7 @@ class Drive:
     """What to drive, and where its log goes.
 
     Attributes:
-        setup: The lamp at hand.
+        setup: The lamp that a verb works with.
         controller: What drives it.
         goal: Commanded distance [m].
         duration: Length of the run phase [s].

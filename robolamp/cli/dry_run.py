@@ -53,13 +53,13 @@ def dry_run(
         goal: How far to go, as 0.30 (metres) or 30cm.
         goal_time: Time to take for the way in seconds, for a controller that reads goal_time.
         duration: How long the controller drives, in seconds.
-        reality: How the emulated lamp differs from its twin: none, a file, or the name of one (worn);
-            random:SEED: everything differs; knob:KIND:SEED: one thing does, as knob:backlash:7.
-        calibration: The twin's numbers: a file, or a name in calibration/.
-        lamp: A folder of your own lamp, laid out like robolamp's.
-        faults: A TOML script of what goes wrong on the emulated bus; what was injected goes to injections.jsonl.
-        lockstep: In one process and virtual time: faster than real time, and the same numbers each time.
-        output: Folder for log, truth and report; by default a new one in runs/.
+        reality: Reality, which says how the emulated lamp differs from its twin: none, a file, or the name of one
+            (worn); random:SEED: everything differs; knob:KIND:SEED: one number does, as knob:backlash:7.
+        calibration: Calibration, the twin's numbers: a file, or a name in calibration/.
+        lamp: Folder of your own lamp, as `robolamp new` makes it.
+        faults: A TOML script of faults on the emulated bus; injections.jsonl lists those that were injected.
+        lockstep: Run lamp and loop by turns in one process, in virtual time: fast, and the same numbers each time.
+        output: Folder for log, truth log and report; by default a new one in runs/.
         browse: Play the run in the browser at the end, where there is a terminal and a display.
         as_json: Print one JSON object.
     """

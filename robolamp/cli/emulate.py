@@ -36,28 +36,28 @@ def emulate(
 ) -> int:
     """Run an emulated lamp, or servos without one, until Ctrl-C.
 
-    Each is behind a serial port of its own that any client can open; the
-    lamp's physics runs behind them in real time. The lamp starts upright, each
-    joint held as if by hand until its torque is first turned on. To stand it
-    up again, start the emulator again. What it models and what it does not is
-    in docs/emulator.md.
+    Servos and foot sensor answer on one serial port each, which any client can
+    open; the lamp's physics runs behind them in real time. The lamp starts
+    upright, each joint held as if by hand until its torque is first turned on.
+    To stand it up again, start the emulator again. docs/emulator.md says what
+    it models and what it does not.
 
     Args:
-        lamp: Your own lamp's folder (laid out like robolamp's: hardware/, sim/, calibration/).
-        calibration: Calibration file, or the name of one (nominal): what the physics is calculated with.
-        reality: How this lamp differs from that calibration: none, a file, or the name of one (worn);
-            random:SEED: everything differs; knob:KIND:SEED: one thing does, as knob:backlash:7.
-        truth: Write what really happens (base, contacts, true angles) to this MCAP log.
+        lamp: Folder of your own lamp, as `robolamp new` makes it.
+        calibration: Calibration, the numbers of the physics: a file, or a name in calibration/ (nominal).
+        reality: Reality, which says how this lamp differs from that calibration: none, a file, or the name of one
+            (worn); random:SEED: everything differs; knob:KIND:SEED: one number does, as knob:backlash:7.
+        truth: Write a truth log: what really happens (base, contacts, true angles), as MCAP, to this file.
         servos: Instead of a lamp, the servos of this TOML file, each with a motor of its own.
         factory: New servos (id 1, 57600 baud), only the first plugged in; Enter or SIGUSR1 plugs the next one in.
         eeprom: A folder that keeps each servo's EEPROM from one start to the next.
-            What it holds goes before the description of the lamp or the servos.
-        faults: A TOML script of what goes wrong, and when.
-        injections: Write each fault that is injected to this file, a line of JSON each.
-        ports: A folder for links "servo" and "foot" to the ports; they survive that a fault unplugs a port.
+            What it holds overrides the description of the lamp or the servos.
+        faults: A TOML script of faults to inject, and when.
+        injections: Write one line of JSON to this file for each fault that was injected.
+        ports: A folder for links "servo" and "foot" to the ports; they stay when a fault unplugs a port.
             For one emulator at a time.
         traffic: Show each packet on the servo port in words, on stderr.
-        lateness: Tell at the end how late the ports were served because this computer was busy; with --json when, too.
+        lateness: Print at the end how late this busy computer served the ports; with --json also when.
         as_json: Print one JSON line when ready, and end with the process that started this one.
     """
     parent = os.getppid()
@@ -75,7 +75,7 @@ def emulate(
         else:
             rig = lamp_rig(lamp, calibration or "nominal", reality or "worn", faults, factory, eeprom)
         if rig.faults.unplugs and ports is None:
-            raise RobolampError("unplugs a port; give --ports DIR, whose links survive that", str(faults))
+            raise RobolampError("unplugs a port; give --ports DIR, whose links stay", str(faults))
         if ports is not None:
             closing.enter_context(alone(ports))
         report = InjectionLog(injections)

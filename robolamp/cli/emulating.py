@@ -1,4 +1,4 @@
-"""What `robolamp emulate` puts together: a lamp or bare servos, their faults, and what is said of them."""
+"""What `robolamp emulate` builds: a lamp or bare servos, their faults, and the lines it prints about them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ServoFacts:
-    """What is said of one servo.
+    """What `emulate` prints about one servo.
 
     Attributes:
         name: The joint it drives, or its place in the servos file.
@@ -75,7 +75,7 @@ class Rig:
         return [MODELS[servo.model] for servo in self.servos]
 
     def lines(self, servo_port: str, foot_port: str | None) -> list[str]:
-        """Return what a person is told when it is ready."""
+        """Return the lines to print when it is ready."""
         servos = ", ".join(f"{servo.name} = {servo.model} id {servo.id}" for servo in self.servos)
         bauds = sorted({servo.baud for servo in self.servos})
         rates = " and ".join(map(str, bauds))
@@ -228,7 +228,7 @@ class Hand:
         signal.signal(signal.SIGUSR1, self._before)
 
     def poll(self) -> None:
-        """Plug in as many as were asked for."""
+        """Plug in as many servos as Enter or SIGUSR1 asked for."""
         if self._enter and select.select([sys.stdin], [], [], 0.0)[0]:
             if os.read(sys.stdin.fileno(), 1024):
                 self._asked += 1

@@ -16,7 +16,7 @@ from robolamp.errors import BusError, RobolampError
 from robolamp.lateness import Lateness
 from robolamp.runtime.stop import StopRequest
 
-_QUICK = 3.0  # a start that takes longer is told of [s]
+_QUICK = 3.0  # a start that takes longer is reported [s]
 _START = 600.0  # how long a start may take: the first compiles, and this computer may be busy [s]
 _LOOK = 0.2  # between two looks at requests to stop [s]
 _END = 10.0  # how long it has to end by itself [s]

@@ -1,4 +1,4 @@
-"""Where the process begins, whatever surrounds it: closed streams, no home, signals to end it."""
+"""Where the process begins, in any surroundings: closed streams, no home folder, signals to end it."""
 
 from __future__ import annotations
 

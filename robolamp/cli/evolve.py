@@ -1,4 +1,4 @@
-"""`robolamp evolve`: a controller from a task."""
+"""`robolamp evolve`: makes a controller from a task."""
 
 from __future__ import annotations
 
@@ -60,36 +60,36 @@ def evolve(
     Parameters
     ----------
     task
-        What to evolve: a file, or the name of a shipped task (hop).
+        What to evolve (goals, signals, fitness, search): a task file, or the name of a shipped one (hop).
     output
-        Folder of the run; must not hold one already.
+        Folder of the run; must not hold a run already.
     resume
-        Instead of a task: folder of a run that was stopped, to go on with; its result is that of a run that was not.
+        Instead of a task: folder of a run that was stopped. Continued, it gives the result of a run that never was.
     seed
-        Where all randomness comes from (1): the same seed gives the same run.
+        Seed of all randomness (1): the same seed gives the same run.
     settings
         A key of the task file to change, as --set gp.selection=lexicase; may be given again.
     representation
-        How individuals are written down: tree (genetic programming) or gep (gene expression programming); short for
-        --set gp.representation.
+        How individuals (controllers of the population) are written: tree (genetic programming) or gep (genes, gene
+        expression programming); short for --set gp.representation.
     population
-        Individuals a generation; short for --set gp.population.
+        Individuals in each generation; short for --set gp.population.
     generations
-        Generations; short for --set gp.generations.
+        Number of generations; short for --set gp.generations.
     seed_from
-        A controller (file or name) for the first generation to begin with, instead of the task's; none: from nothing.
+        Controller (file or name) to begin with, instead of the task's; none: begin from nothing.
     tune
         Iterations of CMA-ES on the constants of the best controller, at the end (0).
     terms
         A Python file with fitness terms of your own that the task uses.
     workers
-        Threads; without it, one a core.
+        Threads; by default one for each core.
     cluster
         Evaluate on a dask scheduler that is running already, as 10.0.0.2:8786.
     calibration
-        The twin's numbers: a file, or a name in calibration/ (nominal).
+        Calibration, the twin's numbers: a file, or a name in calibration/ (nominal).
     lamp
-        A folder of your own lamp, laid out like robolamp's (sim/, hardware/, calibration/).
+        Folder of your own lamp, as `robolamp new` makes it.
     as_json
         Print one JSON object instead of progress and prose.
     """

@@ -47,18 +47,18 @@ def explain(
     controller
         A controller file, or the name of a shipped one (hop).
     goals
-        What it is run to on the twin, to count its branches: one goal, or LOW:HIGH:COUNT, in metres.
+        Goals that it runs to on the twin, to count its branches: one goal, or LOW:HIGH:COUNT, in metres.
     duration
         Length of each run in seconds.
     goal_time
         Time to take for the way in seconds, for a controller that reads goal_time.
     calibration
-        The twin's numbers: a file, or a name in calibration/.
+        Calibration, the twin's numbers: a file, or a name in calibration/.
     lamp
-        A folder of your own lamp, laid out like robolamp's (sim/, hardware/, calibration/).
+        Folder of your own lamp, as `robolamp new` makes it.
     as_json
-        Print one JSON object: a joint's evolved and simplified expression, nodes, signals, and branches with the
-        shares of ticks at which they were reached and went either way.
+        Print one JSON object: each joint's expression as evolved and simplified, nodes, signals, and branches with the
+        shares of ticks that reached them and that took each side.
     """
     setup = Setup.of(lamp, calibration)
     loaded = setup.controller(controller)

@@ -1,4 +1,4 @@
-"""How `--help` is set: paragraphs are wrapped to the terminal, not where the source wraps them."""
+"""Layout of `--help`: paragraphs are wrapped to the terminal, not where the source wraps them."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class Wrapped(DefaultFormatter):
     """Sets help as cyclopts does, after the line breaks of the docstrings are taken out."""
 
     def __call__(self, console: Console, options: ConsoleOptions, panel: HelpPanel) -> None:
-        """Set the panel of commands, arguments or parameters."""
+        """Print the panel of commands, arguments or parameters."""
         for entry in panel.entries:
             _join(entry.description)
         super().__call__(console, options, panel)
 
     def render_description(self, console: Console, options: ConsoleOptions, description: Any) -> None:
-        """Set what stands above the panels."""
+        """Print the text above the panels."""
         _join(description)
         super().render_description(console, options, description)
 

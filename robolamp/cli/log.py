@@ -1,4 +1,4 @@
-"""`robolamp log`: what is in a log, the log as a table, and what can be saved of a broken one."""
+"""`robolamp log`: shows what a log holds, writes it as a table, saves what is left of a broken one."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ Json = Annotated[bool, Parameter(name="--json", negative="")]
 
 @app.command
 def info(log: Path, /, *, text: str | None = None, as_json: Json = False) -> int:
-    """Show what is in a log: duration, ticks, gaps, faults, events, context, and whether it is whole.
+    """Show what a log holds: duration, ticks, gaps, faults, events, context, and whether it is whole.
 
     Args:
-        log: The log (.mcap): of a lamp, of its twin, or the truth of an emulated lamp.
-        text: Print one text of the log's context instead, as it was in the run: controller, lamp or calibration.
-        as_json: Print one JSON object, with every gap, fault and event, and the whole context.
+        log: The log (.mcap): of a lamp, of its twin, or the truth log of an emulated lamp.
+        text: Print only one text that the run was made with: controller, lamp or calibration.
+        as_json: Print one JSON object, with every gap, fault and event, and everything the run was made with.
     """
     from robolamp.log.summary import summarise
 
@@ -54,9 +54,10 @@ def info(log: Path, /, *, text: str | None = None, as_json: Json = False) -> int
 def export(
     log: Path, /, *, output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None, as_json: Json = False
 ) -> int:
-    """Write a log as a table, a row a tick: CSV, or Parquet with `pip install 'robolamp[parquet]'`.
+    """Write a log as a table, one row for each tick: CSV, or Parquet with `pip install 'robolamp[parquet]'`.
 
-    The columns' names say their units; docs/logs.md lists them. Of a twin's log its ticks are written.
+    A tick is one turn of the loop: read, compute, send. The columns' names say their units; docs/logs.md lists them.
+    For a twin's log the rows are the twin's ticks.
 
     Args:
         log: The log (.mcap).
@@ -84,14 +85,14 @@ def export(
 def recover(
     log: Path, /, *, output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None, as_json: Json = False
 ) -> int:
-    """Write a whole log of one that was cut off or damaged; any MCAP reader can open it then.
+    """Write what is left of a log that was cut off or damaged as a whole log, which any MCAP reader opens.
 
-    Every chunk that is whole is kept, also those behind a damaged place. A log whose writer was killed needs no
-    recovery for robolamp's own verbs, which read it as it is.
+    It keeps every undamaged chunk, also those behind a damaged place. If only the writer was killed, robolamp's own
+    verbs need no recovery: they read the log as it is.
 
     Args:
         log: The log (.mcap).
-        output: What to write; by default LOG.recovered.mcap beside the log.
+        output: The log to write; by default LOG.recovered.mcap beside the log.
         as_json: Print one JSON object.
     """
     from robolamp.log.recover import recover as write_recovered

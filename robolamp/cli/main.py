@@ -17,7 +17,7 @@ from robolamp.errors import RobolampError, on_one_line
 app = App(
     name="robolamp",
     version=__version__,
-    help="A desk lamp that hops: evolve a controller on its MuJoCo twin, run it over serial, compare the two.",
+    help="A desk lamp that hops: evolve a controller on its twin (MuJoCo model), run it over serial, compare the two.",
     help_format="plaintext",
     help_formatter=Wrapped(),
     result_action="return_value",
@@ -29,50 +29,56 @@ _BROKEN_PIPE = 141  # 128 + SIGPIPE, as a shell has it
 _VERBS = {
     "dry-run": """Run a controller on the emulated lamp, through real serial ports.
 
-The same loop as deploy, with a log, the truth, and a report that compares the lamp with its twin. Exit code 0: the run
-ended by itself and the lamp stands; 1: it fell or was stopped; 2: it could not run.""",
+An emulated lamp is a program that answers like the servos and the foot sensor. dry-run drives it as deploy drives a
+physical lamp, and writes a log, a truth log (what the lamp really did), and a report that compares the lamp with its
+twin, the MuJoCo model of it. Exit code 0: the run ended by itself and the lamp stands; 1: the lamp fell or the run was
+stopped; 2: it could not run.""",
     "deploy": """Run a controller on the physical lamp.
 
-Soft start, hop, soft landing, torque off; then a report that compares the lamp with its twin. Stand the lamp upright
-with room to hop and a hand near its plug. Ctrl-C lands it softly; a second Ctrl-C turns its torque off at once.""",
+It moves the lamp softly to its neutral pose, lets the controller drive, moves softly to rest, and turns torque off.
+Then it writes a report that compares the lamp with its twin, the MuJoCo model of it. Stand the lamp upright with room
+to hop and a hand near its plug. Ctrl-C lands it softly; a second Ctrl-C turns its torque off at once.""",
     "stop": """Turn every servo's torque off and clear its watchdog: releases a lamp that is frozen.
 
-Hold the lamp: it sinks. --force ends a program that uses the port first. Exit code 0: every servo confirmed; 1: some
-did not, switch the supply off.""",
-    "monitor": "Show what the servos and the foot sensor report, as a table that rewrites itself, until Ctrl-C.",
+Hold the lamp: it sinks. --force first ends the program that uses the port. Exit code 0: every servo confirmed; 1: some
+did not: switch the supply off.""",
+    "monitor": "Show what the servos and the foot sensor report, as a live table, until Ctrl-C.",
     "setup": """Set up the physical lamp: find and number the servos, set zeros, tare the foot, check everything.
 
-hardware/README.md says when to take which step. Torque stays off throughout. With --json each prints one object.""",
+hardware/README.md says when to do which step. Torque stays off throughout. With --json each prints one object.""",
     "compare": """Compare a run of the lamp with its twin or with another run, and write a report.
 
-Says three things first: did it do the task; does the twin explain it, driven with the goals that the lamp was sent; and
-what does the controller do alone on the twin. The twin replays the log's goals; two logs are laid over each other; a
-folder of runs gives a trend and how well twin and lamp agree over controllers.
+The twin is the MuJoCo model of the lamp. compare answers three questions first: Did the lamp reach its goal? Does the
+twin do the same when a replay drives it with the goal angles that the lamp was sent? What does the controller do alone
+on the twin? It also compares two logs; for a folder of runs it shows the trend and how well lamp and twin agree over
+controllers.
 
-Exit code 0: inside the tolerances, and nothing says that the task was not done; 1: outside, not done, or cannot say
-whether it is inside; 2: could not compare. A folder is 0 or 2.""",
-    "calibrate": "Make the twin predict a lamp or a servo: record it, fit what the recordings tell, judge, report.",
-    "score": "Score a controller on the twin, over many goals and lamps.",
+Exit code 0: all differences are inside the tolerances (how far lamp and twin may differ), and nothing says that the
+task was not done; 1: outside, not done, or cannot say; 2: could not compare. For a folder 0 or 2.""",
+    "calibrate": "Make the twin predict your lamp or servo: record it, fit the twin's numbers, judge, report.",
+    "score": "Score a controller on the twin (the lamp's MuJoCo model), over many goals and lamps.",
     "explain": "Show how a controller works: its expressions, simplified; the signals they read; the branches taken.",
-    "evolve": """Evolve a controller on the twin.
+    "evolve": """Evolve a controller on the twin, the MuJoCo model of the lamp.
 
-The controller is written to OUTPUT/controller.toml, the course of the run to OUTPUT/progress.jsonl. A run that was
-stopped, in whatever manner, goes on by `robolamp evolve --resume OUTPUT`.""",
+It writes the best controller to OUTPUT/controller.toml and a line for each generation to OUTPUT/progress.jsonl. However
+a run was stopped, `robolamp evolve --resume OUTPUT` continues it.""",
     "study": """Run the papers' studies of their searches, draw them, and say which of their claims hold.
 
-Of the lamp in 1997 (Gritz & Hahn), WHICH is population, generations, selection, crossover (Figures 5 to 8), tuned,
-specific, distance, or all of these. Of Jumper (EMOT): jumper, head, gep-population. Of the hop: representation. Stop it
-at any time and start it again: finished runs are kept, and one that was stopped goes on.""",
-    "log": """Look into the log of a run, write it as a table, or save what is left of a broken one.""",
-    "replay": """Play a run in the browser: the lamp in 3D, its twin over it, a time slider, the traces beside it.
+Studies of the lamp of 1997 (Gritz & Hahn): population, generations, selection, crossover (its Figures 5 to 8), tuned,
+specific, distance, or all of these. Studies of Jumper (EMOT): jumper, head, gep-population. Study of the hop:
+representation. Stop it at any time and start it again: it keeps finished runs and continues one that was stopped.""",
+    "log": """Show what the log of a run holds, write it as a table, or save what is left of a broken one.""",
+    "replay": """Play a run in the browser: the lamp in 3D, its twin (MuJoCo model) as a ghost, a time slider, traces.
 
-The page is served on this computer alone, until Ctrl-C; with -o it is a file that needs no server.""",
+It serves the page on this computer alone, until Ctrl-C; with -o it writes the page to a file, which needs no
+server.""",
     "render": "Draw a controller at work, or a log's replay, as a strip of pictures or an animation.",
-    "new": "Make a folder of your own lamp, for --lamp: its description, model, calibration and a task, to be changed.",
+    "new": "Make a folder for your own lamp, to give as --lamp: files for you to change.",
     "emulate": """Run an emulated lamp that any Dynamixel client can talk to, until Ctrl-C.
 
-Servos and foot sensor are behind a serial port each; the lamp's physics runs behind them in real time. It starts
-upright, each joint held as if by hand until its torque is first turned on. docs/emulator.md says what is modelled.""",
+An emulated lamp is a program that answers like the servos and the foot sensor, on one serial port each; a MuJoCo model
+of the lamp moves in real time behind them. The lamp starts upright; each joint is held as if by hand until its torque
+is first turned on. docs/emulator.md says what is modelled.""",
 }
 for _order, (_verb, _help) in enumerate(_VERBS.items()):
     _function = {"log": "app", "calibrate": "app", "setup": "app"}.get(

@@ -35,16 +35,16 @@ def monitor(
 ) -> int:
     """Show angles, velocities, currents, duty, voltage, temperature, torque and errors, and the foot's force.
 
-    Nothing is written and nothing moves. A servo that does not answer is shown
-    as such. Watching feeds the servos' watchdogs: one that has tripped stays so
+    It writes nothing and moves nothing. It shows which servos do not answer.
+    Watching feeds the servos' watchdogs, but one that has tripped stays so
     (`robolamp stop` releases it).
 
     Args:
         port: Serial port of the servos; by default bus.port of hardware/lamp.toml.
         foot_port: Serial port of the foot sensor; by default foot.port of hardware/lamp.toml; "none" to do without.
-        duration: Stop after this many seconds; by default at Ctrl-C. Not with --json, which is one look.
-        lamp: A folder of your own lamp, laid out like robolamp's.
-        as_json: Print one JSON object, one look, and end.
+        duration: Stop after this many seconds; by default at Ctrl-C. Not with --json, which reads once.
+        lamp: Folder of your own lamp, as `robolamp new` makes it.
+        as_json: Read once, print one JSON object, and end.
     """
     if as_json and duration is not None:
         raise RobolampError("is for the live table; --json takes one look and ends", "--duration")
@@ -99,7 +99,7 @@ def monitor(
 
 
 def _facts(joints: Sequence[Joint], state: ServoState, foot: FootSensor | None) -> dict[str, Any]:
-    """Return one look, with units in the keys; a value that is missing is NaN or None."""
+    """Return all readings once, with units in the keys; a missing value is NaN or None."""
     from robolamp.dynamixel.registers import HardwareError
     from robolamp.robot.frame import wrapped
 

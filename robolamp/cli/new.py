@@ -1,4 +1,4 @@
-"""`robolamp new`: a folder of one's own lamp."""
+"""`robolamp new`: makes a folder for your own lamp."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ def new(
     *,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
-    """Make a folder of your own lamp: its description, model, calibration and a task, copied to be changed.
+    """Make a folder for your own lamp: copies of description, model, calibration and a task for you to change.
 
-    Give the folder to any other verb as --lamp DIRECTORY. What is not in it is
-    taken from robolamp's own files.
+    Give the folder to any other verb as --lamp DIRECTORY. A file that is not in
+    it is taken from robolamp's own files.
 
     Args:
-        directory: Where; must not exist yet, or be empty.
+        directory: The folder to make; must not exist yet, or be empty.
         as_json: Print one JSON object.
     """
     assets = Assets()

@@ -45,7 +45,7 @@ DURATION = Parameter(validator=seconds(0.5, 600.0))
 
 
 GOAL_TIME = Parameter(validator=seconds(0.1, 600.0))
-"""Time that a controller may be told to take for the way [s]."""
+"""Time that a controller may be given for the way [s]."""
 
 
 def length(text: str, option: str, low: float = 0.0, high: float = MAX_GOAL) -> float:
@@ -90,7 +90,7 @@ def goal_range(text: str, option: str) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Setup:
-    """The lamp at hand.
+    """The lamp that a verb works with.
 
     Attributes:
         assets: Where data files are.

@@ -1,4 +1,4 @@
-"""What a verb prints: JSON for programs, in which NaN is null."""
+"""What a verb prints for programs: JSON, in which NaN is null."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The three parts of a run's verdict, as dry-run and deploy tell them on a terminal."""
+"""The three answers of a comparison, as dry-run and deploy show them on the screen."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from robolamp.compare.report import sentence, three
 
 
 def told(comparison: Comparison) -> tuple[str, str]:
-    """Return the three parts for a terminal: the task in a word, and everything after it, a line each.
+    """Return the three answers for the screen: the task in a word, and everything after it, a line each.
 
     Args:
         comparison: Of the run.
@@ -16,7 +16,7 @@ def told(comparison: Comparison) -> tuple[str, str]:
     (_, word, why), (_, verdict, reasons), (_, alone, did) = three(comparison)
     lines = [
         f" {why}",
-        f"Twin, replaying the goals that the lamp was sent: {verdict.lower()}. {reasons} {sentence(comparison)}",
+        f"Twin, replaying the goal angles that the lamp was sent: {verdict.lower()}. {reasons} {sentence(comparison)}",
         f"Controller alone on the twin: {alone.lower()}. {did}",
     ]
     if comparison.diagnosis:

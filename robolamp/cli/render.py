@@ -67,12 +67,12 @@ def render(
         pole_at: With --pole: its distance ahead of the lamp's start (20cm).
         task: For a figure other than the lamp: the task it is in (file or name); without it, the task.toml beside the
             controller, or the task that it was evolved for.
-        twin: For a log: the twin's replay beside the lamp.
-        truth: For a log of an emulated lamp: its truth log, which knows where the base was; by default truth.mcap
-            beside the log, where there is one. Without it the base is where the twin's was.
-        calibration: The twin's numbers: a file, or a name in calibration/.
-        lamp: A folder of your own lamp, laid out like robolamp's.
-        opengl: Without it, draw side views of the links even where OpenGL is to be had.
+        twin: For a log: draw the twin's replay beside the lamp.
+        truth: For a log of an emulated lamp: its truth log, which says where the base was; by default truth.mcap
+            beside the log, if there is one. Without it the base is drawn where the twin's was.
+        calibration: Calibration, the twin's numbers: a file, or a name in calibration/.
+        lamp: Folder of your own lamp, as `robolamp new` makes it.
+        opengl: Draw with OpenGL where there is one; without it, draw side views of the links.
         as_json: Print one JSON object.
     """
     if suffix_of(output) not in (".png", *_ANIMATIONS):

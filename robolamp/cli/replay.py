@@ -1,4 +1,4 @@
-"""`robolamp replay`: a run in the browser, with time under one's finger."""
+"""`robolamp replay`: plays a run in the browser."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ def replay(
     browse: bool = True,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
-    """Play a run in the browser: the lamp in 3D with its twin over it, and the traces of both beside it.
+    """Play a run in the browser: the lamp in 3D with its twin as a ghost, and the traces of both beside it.
 
     Args:
         log: The log of the run (.mcap).
         output: Write the page to this file (.html) and end; it needs no server and can be sent to somebody.
-        truth: The truth log of an emulated lamp, which knows where the base was; by default truth.mcap beside the
-            log, where there is one. Without it the base is where the twin's was.
-        calibration: The twin's numbers: a file, or a name in calibration/.
-        lamp: Your own lamp's folder (laid out like robolamp's: hardware/, sim/, calibration/).
+        truth: The truth log of an emulated lamp, which says where the base was; by default truth.mcap beside the log,
+            if there is one. Without it the base is drawn where the twin's was.
+        calibration: Calibration, the twin's numbers: a file, or a name in calibration/.
+        lamp: Folder of your own lamp, as `robolamp new` makes it.
         port: Port of the page on this computer; 0: any that is free.
-        browse: Open the browser; without it, only say where the page is.
+        browse: Open the browser; without it, only print the page's address.
         as_json: Print one JSON object.
     """
     if not 0 <= port <= 65535:
@@ -70,7 +70,7 @@ def replay(
 
 
 def show(log: Path, setup: Setup, page: Path) -> None:
-    """Write a run's page and open it in the browser, without waiting; nothing where nobody would see it.
+    """Write a run's page and open it in the browser, without waiting; does nothing where there is no display.
 
     Args:
         log: The log of the run.

@@ -55,14 +55,14 @@ def score(
         A controller file, or the name of a shipped one (hop).
     goals
         One goal, or LOW:HIGH:COUNT, in metres (0.05:0.60:56). For a figure other than the lamp: X,Y, or
-        LOW:HIGH:COUNT, so many points all round, that far away; without it, the goals of its task.
+        LOW:HIGH:COUNT, COUNT points all around, LOW to HIGH away; by default the goals of its task.
     lamps
-        Instead of the calibrated lamp, this many lamps drawn from sim/tasks/spread.toml, and from the calibration's
-        covariance, where it was fitted (sim/tasks/README.md).
+        Instead of the calibrated lamp, this many lamps drawn from the spread, sim/tasks/spread.toml, and from the
+        calibration's covariance if it was fitted (sim/tasks/README.md).
     spread
-        With --lamps: all standard deviations, times this (1).
+        With --lamps: factor on the spread, all its standard deviations (1).
     seed
-        With --lamps: which lamps are drawn (1). For a figure: which points.
+        With --lamps: seed of the drawn lamps (1). For a figure other than the lamp: of the points.
     duration
         Length of each run in seconds (5, or the time limit of a figure's task).
     goal_time
@@ -75,11 +75,11 @@ def score(
         For a figure other than the lamp: the task it is scored in (file or name); without it, the task.toml beside the
         controller, or the task that it was evolved for.
     workers
-        Threads; without it, one a core.
+        Threads; by default one for each core.
     calibration
-        The twin's numbers: a file, or a name in calibration/.
+        Calibration, the twin's numbers: a file, or a name in calibration/.
     lamp
-        A folder of your own lamp, laid out like robolamp's (sim/, hardware/, calibration/).
+        Folder of your own lamp, as `robolamp new` makes it.
     as_json
         Print one JSON object: origin (evolved, tuned, by hand); goals_m, errors_m, hops, flight_share (for a figure
         directions_rad, fitness, collided) a goal (and lamp); hits, hits_1997, falls, upright, pole_hits.

@@ -41,12 +41,12 @@ app = App(name="setup", help_format="plaintext", result_action="return_value")
 def scan(*, port: Port = None, last_id: LastId = _LAST_ID, lamp: Own = None, as_json: Json = False) -> int:
     """Show which servos answer: id, baud rate, model and firmware, and where several share an id.
 
-    Every id up to --last-id is asked at every baud rate; some 10 seconds. Nothing is written.
+    It asks every id up to --last-id at every baud rate, which takes some 10 seconds. It writes nothing.
 
     Args:
         port: Serial port of the servos; by default bus.port of hardware/lamp.toml.
         last_id: The largest id to look for.
-        lamp: A folder of your own lamp, laid out like robolamp's.
+        lamp: Folder of your own lamp, as `robolamp new` makes it.
         as_json: Print one JSON object.
     """
     last, description = _legal_id(last_id), load_lamp(Assets.of(lamp))
@@ -64,14 +64,14 @@ def assign(
 ) -> int:
     """Give the one new servo on the line the id and baud rate of a joint, and Return Delay Time 0.
 
-    Plug the servos in one at a time: new ones all have id 1, and two with one id would both obey. A servo that is a
-    joint's already may stay plugged in.
+    Plug the servos in one at a time: new ones all have id 1, and two with one id would both obey. A servo that already
+    has a joint's id may stay plugged in.
 
     Args:
-        joint: Whose servo it is to be, as ankle.
+        joint: The joint that the servo will move, as ankle.
         port: Serial port of the servos; by default bus.port of hardware/lamp.toml.
         last_id: The largest id to look for.
-        lamp: A folder of your own lamp, laid out like robolamp's.
+        lamp: Folder of your own lamp, as `robolamp new` makes it.
         as_json: Print one JSON object.
     """
     last, description = _legal_id(last_id), load_lamp(Assets.of(lamp))
@@ -95,7 +95,7 @@ def zero(
         keep_signs: Find zeros only; the signs stay as they are.
         yes: Do not wait for Enter: the lamp is in its neutral pose now. Needs --keep-signs.
         port: Serial port of the servos; by default bus.port of hardware/lamp.toml.
-        lamp: A folder of your own lamp, laid out like robolamp's; its hardware/lamp.toml is written.
+        lamp: Folder of your own lamp, as `robolamp new` makes it; its hardware/lamp.toml is written.
         as_json: Print one JSON object.
     """
     description = load_lamp(Assets.of(lamp))
@@ -114,14 +114,14 @@ def foot(
 ) -> int:
     """Tare the foot sensor with the lamp lifted, scale it with a known weight, and write both to lamp.toml.
 
-    A tare that the weight of a standing lamp is in is refused.
+    It refuses to tare while the lamp stands on the foot.
 
     Args:
         weight: A weight in kg that you will set on the foot, 0.05 to 5.
         yes: Do not wait for Enter: nothing touches the foot now.
             With --weight, the weight is on the foot now and the tare of lamp.toml is kept.
         foot_port: Serial port of the foot sensor; by default foot.port of hardware/lamp.toml.
-        lamp: A folder of your own lamp, laid out like robolamp's; its hardware/lamp.toml is written.
+        lamp: Folder of your own lamp, as `robolamp new` makes it; its hardware/lamp.toml is written.
         as_json: Print one JSON object.
     """
     description = load_lamp(Assets.of(lamp))
@@ -139,15 +139,15 @@ def check(
 ) -> int:
     """Check everything that deploy checks before it moves: servos, settings, state, pose, foot sensor.
 
-    Stand the lamp on its foot. Everything that is wrong is named at once, with its remedy; docs/registers.md lists the
-    settings. Exit code 0: ready; 2: not.
+    Stand the lamp on its foot. It names everything that is wrong at once, each with its remedy; docs/registers.md lists
+    the settings. Exit code 0: ready; 2: not.
 
     Args:
-        fix: Mend what software may mend, and say what was. Where that changes what servo angles mean, zeros and signs
-            must be found again (`robolamp setup zero`), and nothing runs until then.
+        fix: Mend wrong settings that software may mend, and list them. If that changes what servo angles mean, nothing
+            runs until `robolamp setup zero` has found zeros and signs again.
         port: Serial port of the servos; by default bus.port of hardware/lamp.toml.
         foot_port: Serial port of the foot sensor; by default foot.port of hardware/lamp.toml.
-        lamp: A folder of your own lamp, laid out like robolamp's.
+        lamp: Folder of your own lamp, as `robolamp new` makes it.
         as_json: Print one JSON object.
     """
     description = load_lamp(Assets.of(lamp))
@@ -176,7 +176,9 @@ def _ask(text: str) -> None:
         print("robolamp: stopped; nothing was written", file=sys.stderr, flush=True)
         raise
     if not line:
-        raise RobolampError("nobody answers here; --yes (of zero, with --keep-signs) asks nothing", "standard input")
+        raise RobolampError(
+            "ended without an answer; --yes (for zero with --keep-signs) asks nothing", "standard input"
+        )
 
 
 def _scan(port: str, last_id: int) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""`robolamp stop`: releases a lamp that nobody drives any more, or, by force, one that somebody does."""
+"""`robolamp stop`: releases a lamp that no program drives any more, or, by force, one that a program drives."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from robolamp.errors import RobolampError
 from robolamp.lamp import load_lamp
 from robolamp.ports import Holder, check_serial, holders, holds
 
-_GRACE = 6.0  # s after SIGTERM: a soft landing takes 1, servos that do not confirm are told for 2, a deploy starts in 2
+_GRACE = 6.0  # s after SIGTERM: a soft landing takes 1, unconfirmed servos are asked for 2, a deploy starts in 2
 _KILLED = 2.0  # s after SIGKILL: what the kernel needs, and a slow driver
 _LOOK = 0.05  # s: between two looks whether it is over
 
@@ -35,17 +35,17 @@ def stop(
     """Turn every servo's torque off and clear its watchdog. Hold the lamp: it sinks.
 
     After kill -9 or a pulled plug the servos' watchdogs freeze the lamp with
-    torque on; this releases it. Each servo is told on its own, whatever the
-    others answer. Exit code 0: all confirmed; 1: some did not, switch the
+    torque on; this releases it. Each servo is switched off on its own,
+    whatever the others answer. Exit code 0: all confirmed; 1: some did not, switch the
     supply off.
 
     Args:
         port: Serial port of the servos; by default bus.port of hardware/lamp.toml.
         reboot: Restart servos that shut down for a hardware error, which clears it. Find the cause first.
-        force: End the program that uses the port first, one of yours: asked to (a deploy then lands softly), killed
-            after 6 seconds. Asks before it ends what is not robolamp.
+        force: First end the program that uses the port, if it is yours: ask it to end (a deploy then lands softly),
+            kill it after 6 seconds. If it is not robolamp, stop asks you first.
         yes: With --force, do not ask.
-        lamp: A folder of your own lamp, laid out like robolamp's.
+        lamp: Folder of your own lamp, as `robolamp new` makes it.
         as_json: Print one JSON object.
     """
     if yes and not force:
@@ -125,7 +125,7 @@ def _end(port: str, *, asks: bool, may_ask: bool, yes: bool) -> dict[Holder, boo
         if holder.robolamp or yes:
             continue
         if not (asks and may_ask):
-            raise RobolampError(f"{holder} is not robolamp, and nobody can be asked here; --yes ends it", port)
+            raise RobolampError(f"{holder} is not robolamp, and there is no terminal to ask at; --yes ends it", port)
         if not _agreed(f"{holder} uses {port}, and is not robolamp. End it? [y/N] "):
             raise RobolampError(f"{holder} goes on; nothing was ended", port)
     return {holder: _ended(holder, port) for holder in found}

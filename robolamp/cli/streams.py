@@ -1,4 +1,4 @@
-"""The three standard streams, fit to be used: whichever were closed, whatever characters a terminal knows."""
+"""Makes the three standard streams usable if some are closed, or if a terminal lacks characters."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def settle_streams() -> None:
 
 
 def let_go_of_output() -> None:
-    """Keep the interpreter from failing over output that cannot be written, as it ends."""
+    """Keep the interpreter from failing at its end because output cannot be written."""
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()

@@ -1,4 +1,4 @@
-"""`robolamp study`: the paper's convergence studies, run, drawn and judged."""
+"""`robolamp study`: runs, draws and judges the papers' convergence studies."""
 
 from __future__ import annotations
 
@@ -45,27 +45,28 @@ def study(
     Parameters
     ----------
     which
-        Of the lamp in 1997: population, generations, selection, crossover (Figures 5 to 8), tuned, specific, distance,
-        or all (of these). Of Jumper: jumper (ten runs), head, gep-population. Of the hop: representation (tree or gep).
+        For the lamp of 1997: population, generations, selection, crossover (Figures 5 to 8), tuned, specific, distance,
+        or all (of these). For Jumper: jumper (ten runs), head, gep-population. For the hop: representation (tree or
+        gep).
     output
-        Folder of the runs. What is finished there is not run again; what was stopped goes on.
+        Folder of the runs. Runs that are finished there are kept, and a stopped one is continued.
     seeds
-        Runs of every point, from seeds 1, 2, ...
+        Runs for each point, with seeds 1, 2, ...
     points
-        Which values of the figure's axis: paper (all), small (three or four), or some, as 50,200,400.
+        Values of the studied parameter: paper (all), small (three or four), or some, as 50,200,400.
     settings
         KEY=VALUE: change a key of the studies' task (luxo-1997, jumper or hop) for all runs, as --set duration=3.
     report
-        The page to write (Markdown), pictures and data in a folder beside it; OUTPUT/studies.md unless given, or
+        The page to write (Markdown), with pictures and data in a folder beside it; by default OUTPUT/studies.md, or
         studies-jumper.md, studies-hop.md.
     draw_only
-        Run nothing: only write the report. (It shows all finished runs, also of points and seeds not asked for.)
+        Run nothing, only write the report. It shows all finished runs, also of other points and seeds.
     workers
-        Threads; without it, one a core.
+        Threads; by default one for each core.
     calibration
-        The twin's numbers: a file, or a name in calibration/.
+        Calibration, the twin's numbers: a file, or a name in calibration/.
     lamp
-        A folder of your own lamp, laid out like robolamp's (sim/, hardware/, calibration/).
+        Folder of your own lamp, as `robolamp new` makes it.
     as_json
         Print one JSON object instead of progress and prose.
     """
@@ -156,7 +157,7 @@ def _run(
 
 @dataclass(frozen=True)
 class _Made:
-    """How a page is made: commands that give what it shows, which may be of several calls, on any machine.
+    """The commands that make a page, which may have been several calls, on any machine.
 
     Absolute folders are named by their last part.
     """
@@ -170,7 +171,7 @@ class _Made:
     shelf: Shelf
 
     def command(self, which: str, seeds: int, points: str, *, page: bool = True) -> str:
-        """Return the command of these runs, and (unless told not to) of the page."""
+        """Return the command that makes these runs and, unless `page` is false, the page."""
         words = ["-o", _named(self.output), "--seeds", str(seeds), "--points", points]
         for setting in self.scale.settings:
             words += ["--set", setting]

@@ -83,12 +83,12 @@ class JointError:
 
     @property
     def known(self) -> bool:
-        """Whether there are readings enough to tell anything."""
+        """Whether there are enough readings to say anything."""
         return enough(self.samples, self.of)
 
 
 def enough(samples: int, of: int) -> bool:
-    """Return whether so many readings stand for all of them.
+    """Return whether there are enough readings to judge a joint by.
 
     Args:
         samples: Readings that are known.
@@ -160,7 +160,7 @@ class Trace:
 
 
 def find_lag(twin: Trace, lamp: Trace) -> float:
-    """Return how much later the lamp's trace is than the twin's [s]; NaN where they do not show one motion.
+    """Return how much later the lamp's trace is than the twin's [s]; NaN where the two moved too differently.
 
     The peak of the normalised cross-correlation over shifts of LAG_STEP, refined by a parabola through it and its
     neighbours. The twin is shifted and read at the lamp's own samples: nothing of the lamp is interpolated.
@@ -183,7 +183,7 @@ def find_lag(twin: Trace, lamp: Trace) -> float:
 
 
 def find_drift(twin: Trace, lamp: Trace) -> tuple[float, float]:
-    """Return how fast the lamp's lag grows, and the standard error of that [s/s]; NaN where it cannot be told.
+    """Return how fast the lamp's lag grows, and the standard error of that [s/s]; NaN where it cannot be found.
 
     A line through the lags of stretches of WINDOW seconds (Theil-Sen: the median of the slopes of all pairs, so that
     a stretch with a wrong peak does no harm).

@@ -1,6 +1,6 @@
-"""The controller alone on the twin: its own closed loop, to the goal of the log, with nothing of what the lamp did.
+"""The controller alone on the twin: its own closed loop, to the goal of the log, without anything that the lamp did.
 
-Not to be taken for the replay, in which the twin is driven with the goals that the lamp was sent.
+This is not the replay, in which the goal angles that the lamp was sent drive the twin.
 """
 
 from __future__ import annotations

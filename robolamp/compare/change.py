@@ -1,4 +1,4 @@
-"""What changed between two runs: both are explained together, each knob either alike in both or set differently now."""
+"""What changed between two runs: each knob is wrong in both alike, or changed between them."""
 
 from __future__ import annotations
 
@@ -27,16 +27,15 @@ Array = NDArray[np.float64]
 
 
 def changed(now: Evidence, before: Evidence, lamp: Lamp) -> Account:
-    """Return what changed from one run to another, what explains most first; sizes are now less before.
+    """Return what changed from one run to another, the change that explains most first; sizes are later minus earlier.
 
-    What the twin has wrong of both explains its part, too, and is not left unexplained.
-
-    Knobs are taken one by one, whichever explains most of what is left of both runs: as a change, which bears on the
-    later run alone, or as something that the twin has wrong of both, which takes its part and is not told.
+    Knobs are taken one by one, the one first that explains most of what is left of both runs: either as a change,
+    which affects the later run alone, or as an error of the twin in both. The latter explains its part of the
+    difference too, but is not returned.
 
     Args:
         now: The run that is judged.
-        before: The run it is held against.
+        before: The run it is compared with.
         lamp: The lamp's description.
     """
     if missing := now.missing or before.missing:

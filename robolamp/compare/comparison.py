@@ -1,4 +1,4 @@
-"""A comparison: a lamp's run, what it is held against, and what came of laying the one over the other."""
+"""A comparison: a lamp's run, its reference (the twin's replay or another run), and all results."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Comparison:
     Attributes:
         run: The lamp's run.
         lamp: What the lamp did.
-        other: What it is held against: the twin's replay, or another run ("the reference").
+        other: What it is compared with: the twin's replay, or another run ("the reference").
         reference: The other run; None: the twin's replay.
         replay: The twin's replay of the lamp's run.
         joints: Their difference, joint by joint, over phase "run" (over everything where it is missing or cut short).
@@ -41,15 +41,15 @@ class Comparison:
         spectra: Where in frequency each joint's error lies.
         flights: The hops of both.
         parting: When the two part for good.
-        control: What came of running the logged controller again.
+        control: The result of running the logged controller again.
         calibration: What the twin was calculated with.
         tolerances: What was allowed.
         task: Whether the lamp did its task.
-        judged: Whether what it is held against explains it.
-        alone: What its controller does alone on the twin; not to be taken for the replay.
-        landing: What is known of where it landed.
+        judged: Whether the reference explains it.
+        alone: What its controller does alone on the twin; this is not the replay.
+        landing: Where it landed, as far as known.
         diagnosis: Probable causes, the strongest first.
-        account: What bent twins made of the difference: how much they leave unexplained, or why nothing could be told.
+        account: How knobs explain the difference: how much they leave unexplained, or why no cause could be found.
         report: The HTML report.
         twin_log: The replay as a log, topics "/twin/..."; None where two runs were compared.
     """
@@ -82,11 +82,6 @@ class Comparison:
         return self.judged.word
 
     @property
-    def exceeded(self) -> tuple[str, ...]:
-        """Return what is outside its tolerance, one sentence each; empty where nothing is."""
-        return self.judged.exceeded
-
-    @property
     def good(self) -> bool:
         """Whether the verdict is inside, and nothing says that the task was not done."""
         return self.verdict == INSIDE and self.task.word != NOT_DONE
@@ -101,18 +96,8 @@ class Comparison:
         """Return what the other side's keys begin with: "twin", or "other" for a lamp."""
         return "twin" if self.other.name == "twin" else "other"
 
-    @property
-    def lamp_travel(self) -> float:
-        """How far the lamp's base came [m]; NaN where no truth is known."""
-        return self.lamp.travel
-
-    @property
-    def twin_travel(self) -> float:
-        """How far the reference's did [m]."""
-        return self.other.travel
-
     def parts(self) -> dict[str, Any]:
-        """Return the verdict's three parts as `--json` has them, here and in dry-run and deploy."""
+        """Return the three answers as `--json` has them, here and in dry-run and deploy."""
         alone = self.alone
         return {
             "task": self.task.word,
@@ -129,7 +114,7 @@ class Comparison:
         """Return what `robolamp compare --json` prints; NaN where a value is not known."""
         return {
             **self.parts(),
-            "exceeded": list(self.exceeded),
+            "exceeded": list(self.judged.exceeded),
             "against": "twin" if self.reference is None else str(self.reference.path),
             "names": [self.lamp.name, self.other.name],
             "joints": [self._joint(index, joint) for index, joint in enumerate(self.joints)],

@@ -23,7 +23,7 @@ _FLIGHT_TIME_0_1_0 = 0.04  # the shortest flight that 0.1.0 counted, whose logs 
 
 @dataclass(frozen=True)
 class ControlReplay:
-    """What came of running the controller again.
+    """The result of running the controller again.
 
     Attributes:
         ticks: Ticks of phase "run" that were run again.

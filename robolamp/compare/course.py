@@ -1,6 +1,6 @@
-"""How the difference goes: when the two part for good and what happened just then, and where in frequency it lies.
+"""The difference over time and frequency: when the two diverge for good, and what happened then.
 
-And the plain differences of what is measured besides angles.
+Also the mean differences of everything measured besides angles.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def parting(
     allowed: float,
     travel: float,
 ) -> Parting:
-    """Return when an error (RMS over WINDOW) leaves what is allowed, and whether it comes back during the run.
+    """Return when an error (RMS over WINDOW) exceeds its tolerance, and whether it comes back within it during the run.
 
     Args:
         run: The lamp's log.

@@ -1,6 +1,6 @@
-"""Says in words why lamp and twin differ.
+"""Names the causes of a difference between lamp and twin.
 
-First causes, ranked by how much of the difference each explains; then what the log itself complains of. Every threshold
+First knobs, ranked by how much of the difference each explains; then what the log shows by itself. Every threshold
 is fixed here or in `explain` and `knobs`, beforehand.
 """
 
@@ -28,7 +28,7 @@ from robolamp.log.reader import Run, Truth
 SENT = 0.002
 """Time by which goals leave later than the calibration's line delay says [s]."""
 HELD_UP = 0.0015
-"""Time by which answers take longer than their packets that is worth a word [s]; chosen: an adapter whose latency timer
+"""Excess of an answer's time over its packets' that is named [s]; chosen: an adapter whose latency timer
 is set to 1 ms, on a full-speed USB of 1 ms frames, costs less."""
 GAPS = 0.01
 """Share of readings that did not arrive, or of ticks that were missed."""
@@ -50,7 +50,7 @@ class Finding:
         cause: What is probably different.
         evidence: The numbers it was seen in.
         remedy: What would settle it.
-        knob: What was bent to explain it, as "strength knee"; empty where the log says it by itself.
+        knob: The knob that explains it, as "strength knee"; empty where the log shows it by itself.
         size: How much is different, in `unit`; NaN where there is no such number.
         unit: Of the size.
         share: Of the difference that it explains, 0 to 1; NaN: not known, as the log says it by itself.
@@ -81,33 +81,33 @@ def diagnose(
     than: str = "modelled",
     truth: Truth | None = None,
 ) -> list[Finding]:
-    """Return the findings, the strongest first; empty where nothing stands out.
+    """Return the findings, the strongest first; empty if there are none.
 
-    What is known for certain comes before what bent twins make likely: hops that did not fly, by the truth, and servos
+    What is known for certain comes before what knobs make likely: hops that did not fly, by the truth, and servos
     that were not set as they should be, which any motor's strength would be blamed for. What the log only suggests
     comes last.
 
     Args:
         run: The lamp's run.
-        account: What bent twins explain of it.
+        account: How knobs explain it.
         joints: The differences, joint by joint.
         calibration: What the twin was calculated with.
         lamp: The lamp's description.
-        than: What the lamp is held against, as in "weaker than modelled".
+        than: What the lamp is compared with, as in "weaker than modelled".
         truth: What the lamp truly did; None: nobody knows.
     """
-    bent = [told(run, each, joints, than) for each in account.causes if each.knob]
+    turned = [told(run, each, joints, than) for each in account.causes if each.knob]
     noisy = [each for each in account.causes if not each.knob]
-    first = not bent or (noisy and noisy[0].share > account.causes[0].share)
+    first = not turned or (noisy and noisy[0].share > account.causes[0].share)
     heard = [*noises(noisy)]
-    named = {each.knob for each in bent}
+    named = {each.knob for each in turned}
     rest = [each for each in complaints(run, joints, calibration, lamp) if not each.knob or each.knob not in named]
-    known, likely = [*miscounted(run, truth, lamp)], [*(heard if first else ()), *bent, *(() if first else heard)]
+    known, likely = [*miscounted(run, truth, lamp)], [*(heard if first else ()), *turned, *(() if first else heard)]
     return [*(known if truth else ()), *misset(run, lamp), *likely, *(() if truth else known), *rest]
 
 
 def miscounted(run: Run, truth: Truth | None, lamp: Lamp) -> Iterator[Finding]:
-    """Yield that hops were counted which did not fly, where it is known or likely.
+    """Yield a finding if hops were counted that did not fly, or probably did not.
 
     Args:
         run: The lamp's run.
@@ -119,13 +119,13 @@ def miscounted(run: Run, truth: Truth | None, lamp: Lamp) -> Iterator[Finding]:
         yield Finding(
             count.text,
             count.evidence,
-            "the controller goes by the hops that it counts; look for what lets the lamp rebound or tilt: a loose "
+            "the controller uses the hops that it counts; look for what makes the lamp rebound or tilt: a loose "
             "joint, a slippery or soft floor",
         )
 
 
 def misset(run: Run, lamp: Lamp) -> Iterator[Finding]:
-    """Yield the servos that were not set as driver and lamp.toml want, where the log says how they were.
+    """Yield a finding for each servo with other settings than driver and lamp.toml want, if the log has the settings.
 
     Args:
         run: The lamp's run.
@@ -133,14 +133,14 @@ def misset(run: Run, lamp: Lamp) -> Iterator[Finding]:
     """
     for joint, wrong in wrong_settings(run, lamp):
         yield Finding(
-            f"the {joint}'s servo is set otherwise: {wrong}",
-            "as its registers said once torque was on; no twin has it, so look here before its motor is blamed",
+            f"the {joint}'s servo has other settings: {wrong}",
+            "as its registers said once torque was on; the twin has none of it, so correct it before blaming the motor",
             "`robolamp setup check --fix` sets what is kept without power; power it off and on for the rest",
         )
 
 
 def noises(found: Sequence[Explanation]) -> Iterator[Finding]:
-    """Yield what is noisy in words, all encoders together.
+    """Yield a finding for each noisy sensor, one for all encoders together.
 
     Args:
         found: Explanations by noise.
@@ -171,35 +171,35 @@ def _list(names: Sequence[str]) -> str:
 
 
 def told(run: Run, one: Explanation, joints: Sequence[JointError], than: str) -> Finding:
-    """Return an explanation by a knob in words.
+    """Return an explanation by a knob as a finding.
 
     Args:
         run: The lamp's run.
         one: The explanation.
         joints: The differences, joint by joint.
-        than: What the lamp is held against.
+        than: What the lamp is compared with.
     """
     assert one.knob is not None
     facts = "; ".join(_facts(run, one, joints))
     return Finding(
         one.knob.cause(one.size, than),
-        facts or "a twin so bent does what the log says",
+        facts or "a twin changed so does what the log says",
         one.knob.remedy(),
         one.name, one.size, one.knob.about.unit, one.share,
     )  # fmt: skip
 
 
 def _facts(run: Run, one: Explanation, joints: Sequence[JointError]) -> Iterator[str]:
-    """Yield what of the log bears a cause out."""
+    """Yield facts from the log that support a cause."""
     kind = one.knob.kind if one.knob else ""
     joint = next((each for each in joints if each.name == one.joint), None)
     if joint is not None and kind in ("strength", "friction"):
         yield f"the {joint.name} is off by {joint.after.mae * 1e3:.1f} mrad with its lag removed"
         if math.isfinite(joint.swing):
-            yield f"it swings {abs(joint.swing - 1):.1%} {'less' if joint.swing < 1 else 'more'} far"
+            yield f"its swing is {abs(joint.swing - 1):.1%} {'smaller' if joint.swing < 1 else 'larger'}"
         duty = np.abs(run.pwm[:, run.joints.index(joint.name)])
         if (full := float(np.mean(duty[np.isfinite(duty)] >= SATURATED)) if np.isfinite(duty).any() else 0.0) > 0:
-            yield f"its servo gives all it has in {full:.1%} of the ticks"
+            yield f"its servo is at full duty in {full:.1%} of the ticks"
     if kind == "delay":
         lags = ", ".join(f"{each.name} {each.lag * 1e3:+.1f} ms" for each in joints if math.isfinite(each.lag))
         if lags:
@@ -220,7 +220,7 @@ def _facts(run: Run, one: Explanation, joints: Sequence[JointError]) -> Iterator
 
 
 def _sagged(run: Run, calibration: Calibration) -> Iterator[Finding]:
-    """Yield that the supply fell by more than the currents make it fall in the twin."""
+    """Yield a fact if the supply fell by more than the currents make it fall in the twin."""
     volts = np.ma.masked_invalid(run.voltage).mean(axis=1).filled(math.nan)
     own = volts + calibration.lamp("supply_resistance") * np.abs(run.current).sum(axis=1)
     known = np.isfinite(own)
@@ -235,7 +235,7 @@ def _sagged(run: Run, calibration: Calibration) -> Iterator[Finding]:
 
 
 def complaints(run: Run, joints: Sequence[JointError], calibration: Calibration, lamp: Lamp) -> Iterator[Finding]:
-    """Yield what the log says by itself, without a twin.
+    """Yield what the log shows by itself, without a twin.
 
     Args:
         run: The lamp's run.
@@ -249,7 +249,7 @@ def complaints(run: Run, joints: Sequence[JointError], calibration: Calibration,
     if answer - wire >= HELD_UP:
         # Goals and questions are held up alike: the joints move later and are asked later, and the angles agree.
         yield Finding(
-            f"the line to the servos holds everything up by at least {(answer - wire) * 1e3:.1f} ms",
+            f"the line to the servos delays everything by at least {(answer - wire) * 1e3:.1f} ms",
             f"an answer takes {answer * 1e3:.1f} ms (median); its packets are {wire * 1e3:.1f} ms on the wire",
             SLOW_LINE,
             "latency",
@@ -259,10 +259,10 @@ def complaints(run: Run, joints: Sequence[JointError], calibration: Calibration,
     taken, assumed = float(np.median(run.write_done - run.began)), calibration.lamp("line_delay")
     if taken - assumed >= SENT:
         yield Finding(
-            "the goals leave later than the twin was evolved with",
+            "goal angles are sent later than the calibration says",
             f"{taken * 1e3:.1f} ms after the tick's start (median); lamp.line_delay in the calibration is "
             f"{assumed * 1e3:.1f} ms",
-            "leave the computer to the loop, or change lamp.line_delay in the calibration and evolve again",
+            "run nothing else on the computer, or change lamp.line_delay in the calibration and evolve again",
         )
     heard = ~silent(run)
     for index, joint in enumerate(run.joints):
@@ -278,7 +278,7 @@ def complaints(run: Run, joints: Sequence[JointError], calibration: Calibration,
         yield Finding(
             "the loop did not keep its schedule",
             f"{run.missed_ticks} ticks missed ({share:.1%})",
-            "leave the computer to the loop, or lengthen the control period",
+            "run nothing else on the computer, or lengthen the control period",
         )
     yield from _sagged(run, calibration)
     drifts = [joint.drift for joint in joints if math.isfinite(joint.drift)]
@@ -293,7 +293,7 @@ def complaints(run: Run, joints: Sequence[JointError], calibration: Calibration,
         yield Finding(
             f"the clock of the time stamps was set by {by:+.1f} s",
             f"at tick {run.index[row]}; the run is compared on its own clock, which went on",
-            "nothing has to be done; a truth or an event of another clock may be beside its tick",
+            "nothing to do; a truth log or an event of another clock may be shifted against the ticks",
         )
     faults = Counter(fault for tick in run.faults for fault in tick)
     if faults:

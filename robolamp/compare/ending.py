@@ -1,4 +1,4 @@
-"""How a run ended, as its log tells it: whole, cut before or while the controller drove, or only after it."""
+"""How a run ended, by its log: whole, or cut before, while or after the controller drove."""
 
 from __future__ import annotations
 

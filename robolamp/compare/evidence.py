@@ -1,4 +1,4 @@
-"""What a log says, laid beside what bent twins would have said: one vector of readings each, and how well they agree.
+"""A log's readings against those of twins with changed knobs: one vector each, and how well they agree.
 
 Agreement is the negative log-likelihood of a Student-t with NU degrees of freedom and a fixed scale for each kind of
 reading: readings that are far off (an impact a tick early, all that follows a missed landing) weigh by the logarithm
@@ -37,11 +37,11 @@ BEFORE = 0.3
 AFTER = 2.2
 """How much of its run is [s]: hops multiply small differences, and later ones say little of their cause."""
 DRIVEN = 0.3
-"""For how long the controller must have driven for its motion to tell anything [s]. Chosen: 15 ticks, in which the
+"""How long the controller must have driven for its motion to show a cause [s]. Chosen: 15 ticks, in which the
 shipped hop crouches and stretches; before that any lamp stands, and stiction bears any friction there."""
 MOVED = 0.05
-"""How far a joint's goals must have gone for its motion to tell anything [rad]. Chosen: below that sag and stiction
-(10 mrad, as `robolamp.compare.align.STILL` has it) are a large part of the way."""
+"""How far a joint's goal angles must have moved for its motion to show a cause [rad]. Chosen: below that sag and
+stiction (10 mrad, as `robolamp.compare.align.STILL` has it) are a large part of the way."""
 
 
 @dataclass(frozen=True)
@@ -49,21 +49,19 @@ class Readings:
     """What a log holds of the stretch that is looked at; K readings in all.
 
     Attributes:
-        rows: Ticks of the stretch, shape (N,).
         value: Readings, whitened: angles, currents, forces, voltages, the time that answers take beyond that of their
             packets, shape (K,); NaN where missing.
         scale: What each was divided by, shape (K,).
         parts: Where each kind of reading is in `value`.
     """
 
-    rows: NDArray[np.int64]
     value: Array
     scale: Array
     parts: dict[str, slice]
 
 
 class Evidence:
-    """A log's readings and the bank of twins that explains them.
+    """A log's readings, and the twins with changed knobs that may explain them.
 
     Args:
         run: The log.
@@ -83,18 +81,18 @@ class Evidence:
 
     @property
     def missing(self) -> str:
-        """Why no cause can be told from it, in words; empty where some can."""
+        """Why no cause can be found from it, in words; empty where some can."""
         rows = self.rows[self.run.phase[self.rows] == "run"]
         driven = (
             float(np.isfinite(self.run.angle[rows]).all(axis=1).sum()) * self.run.control_period if rows.size else 0.0
         )
         if driven < DRIVEN:
-            return f"the controller drove for {driven:.2f} s; to tell a cause takes {DRIVEN:g} s"
+            return f"the controller drove for {driven:.2f} s; finding a cause takes {DRIVEN:g} s"
         return ""
 
     @property
     def moved(self) -> NDArray[np.bool_]:
-        """Which joints' goals moved far enough for their motion to tell anything, shape (n,)."""
+        """Which joints' goal angles moved far enough to show a cause, shape (n,)."""
         return np.ptp(self.run.goal[self.rows], axis=0) >= MOVED
 
     @property
@@ -192,7 +190,7 @@ def stretch(run: Run) -> NDArray[np.int64]:
 
 
 def _before(time: Array, moment: Array) -> NDArray[np.int64]:
-    """Return the last step at or before each moment; a log's stamps are good to a microsecond."""
+    """Return the last step at or before each moment; a log's time stamps are exact to a microsecond."""
     return np.clip(np.searchsorted(time, moment + 1e-6, side="right") - 1, 0, time.size - 1)
 
 
@@ -218,7 +216,7 @@ def _readings(run: Run, rows: NDArray[np.int64]) -> Readings:
         parts[name] = slice(begin, begin + value.size)
         begin += value.size
     scale = np.concatenate([np.full(value.size, SCALES[name]) for name, value in values.items()])
-    return Readings(rows, np.concatenate(list(values.values())) / scale, scale, parts)
+    return Readings(np.concatenate(list(values.values())) / scale, scale, parts)
 
 
 def _score(run: Run, rows: NDArray[np.int64], lamp: Lamp, timestep: float) -> Score:

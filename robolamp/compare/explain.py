@@ -1,8 +1,8 @@
-"""Ranks what may differ between lamp and twin by how much of the difference it explains, each by itself.
+"""Ranks knobs, what may differ between lamp and twin, by how much of the difference each explains by itself.
 
-For every knob: the twin is replayed bent by a trial size either way, the size that fits best is read from the
+For every knob: a twin changed by a trial size either way replays the log, the size that fits best is read from the
 sensitivity (one weighted Gauss-Newton step), the twin is replayed at that size and, for the best of them, once more
-closer still. Noise cannot be bent into a replay: it is read from the ticks in which the lamp stands still.
+closer still. Noise is no knob of a replay: it is measured in the ticks in which the lamp stands still.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ STILL_TICKS = 10
 
 @dataclass(frozen=True)
 class Account:
-    """What is made of a difference.
+    """All explanations of a difference, and what they leave.
 
     Attributes:
         causes: Accounts that are worth a word, the best first.
@@ -63,7 +63,7 @@ class Account:
 
     @property
     def left(self) -> str:
-        """Return what the causes leave of the difference, in words."""
+        """Return how much of the difference the causes leave unexplained, in words."""
         if self.missing:
             return f"What explains the difference is not known: {self.missing}."
         whole = "a difference no larger than that of two good readings" if self.small else "the difference"
@@ -91,12 +91,12 @@ class Explanation:
     share: float
 
 
-NOT_ASKED = Account(missing="no bent twins were asked")
+NOT_ASKED = Account(missing="no twin with a changed number was replayed")
 """Where a diagnosis is not wanted."""
 
 
 def explain(evidence: Evidence, lamp: Lamp) -> Account:
-    """Return the accounts of a log that are worth a word, and what they leave unexplained.
+    """Return the explanations of a log that are large enough to name, and what they leave unexplained.
 
     The first knob explains most by itself. Each that follows explains most of what those before it leave,
     all their sizes fitted together by the sensitivities found; what only looks like one of them explains nothing more,
@@ -155,7 +155,7 @@ def small(value: Array, predicted: Array) -> bool:
 
 
 def told_by(every: Sequence[Knob], *evidence: Evidence) -> list[Knob]:
-    """Return the knobs of which there is evidence: a joint that did not move tells nothing of its motor.
+    """Return the knobs that the log can show: a joint that did not move shows nothing of its motor.
 
     Args:
         every: The knobs.
@@ -170,7 +170,7 @@ def told_by(every: Sequence[Knob], *evidence: Evidence) -> list[Knob]:
 def together(
     value: Array, base: Array, seen: Array, slopes: Sequence[tuple[Array, float, float]]
 ) -> tuple[list[float], Array]:
-    """Return the sizes that fit best when several knobs are bent at once, by their slopes, and what is then read.
+    """Return the sizes that fit best when several knobs change at once, by their slopes, and the readings they predict.
 
     Args:
         value: Whitened readings, shape (K,).
@@ -210,7 +210,7 @@ class Trial:
 
     Attributes:
         size: In the kind's unit.
-        seen: What the twin so bent reads, whitened, shape (K,).
+        seen: What the twin with this size reads, whitened, shape (K,).
         cost: How far the log disagrees with it.
     """
 
@@ -275,7 +275,7 @@ def _step(residual: Array, slope: Array) -> float:
 
 
 def noise(evidence: Evidence) -> list[Explanation]:
-    """Return the noise of encoders and foot sensor that is worth a word, read from ticks at rest.
+    """Return the noise of encoders and foot sensor that is large enough to name, measured in ticks at rest.
 
     Args:
         evidence: The log and its bank of twins.

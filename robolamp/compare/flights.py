@@ -1,4 +1,4 @@
-"""Hops as the foot sensor tells them: take-off, landing, flight time, and how far two lamps differ in them."""
+"""Hops by the foot sensor: take-off, landing, flight time, and how far two sides differ in them."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def flights(side: Side, lamp: Lamp) -> list[Flight]:
     """Return the flights of one side, from the start of the run on: those that the terminal `hops` counts.
 
     Contact has the hysteresis of lamp.toml; the moment is read from the line between the two readings around it. How
-    long a flight must be is told in whole ticks, as on the lamp, and not by those moments.
+    long a flight must be counts in whole ticks, as on the lamp, not in those moments.
 
     Args:
         side: Whose.

@@ -1,4 +1,4 @@
-"""A folder of runs against the twin: each run's figures, how they go over time, and the sim-to-real correlation."""
+"""A folder of runs against the twin: each run's results, their trend, and the sim-to-real correlation."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class Row:
 
     @property
     def twin_score(self) -> float:
-        """Return the twin's landing error on the same goals sent [m]."""
+        """Return the landing error of the twin's replay [m]."""
         return abs(self.twin_travel - self.goal)
 
 
@@ -104,7 +104,7 @@ class Folder:
     calibration: Calibration
 
     def correlation(self, lamp: Callable[[Row], float], twin: Callable[[Row], float]) -> tuple[float, int]:
-        """Return Pearson's correlation of the two over controllers, and how many there are.
+        """Return Pearson's correlation of lamp and twin over controllers, and the number of controllers.
 
         A controller's value is the mean over its runs; runs of which one of the two is not known do not count.
 

@@ -125,7 +125,7 @@ def _scores(folder: Folder) -> str:
 
 
 def _labels(names: Iterable[str], values: NDArray[np.float64]) -> dict[tuple[float, float], str]:
-    """Return what to write at each point; controllers that meet in one share its label."""
+    """Return the label of each point; controllers at the same point share one."""
     labels: dict[tuple[float, float], list[str]] = {}
     for name, (x, y) in zip(names, values.round(3).tolist(), strict=True):
         labels.setdefault((x, y), []).append(name)

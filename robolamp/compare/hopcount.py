@@ -17,7 +17,7 @@ from robolamp.twin.judge import HOP_CLEARANCE, HOP_LANDING_TILT
 
 @dataclass(frozen=True)
 class HopCount:
-    """What became of the hops that a lamp counted.
+    """How many of the hops that a lamp counted flew.
 
     Attributes:
         counted: How many it counted by its foot sensor.
@@ -42,7 +42,7 @@ class HopCount:
 
     @property
     def text(self) -> str:
-        """Return what is wrong with the count, in words; empty where nothing is known to be."""
+        """Return what is wrong with the count, in words; empty if nothing is known to be wrong."""
         if not self.seen:
             return ""
         hops = f"{self.counted} hop was" if self.counted == 1 else f"{self.counted} hops were"
@@ -54,7 +54,7 @@ class HopCount:
 
     @property
     def evidence(self) -> str:
-        """Return the numbers it is seen in."""
+        """Return the numbers that show it."""
         return "; ".join(self._evidence())
 
     def _evidence(self) -> Iterator[str]:
@@ -70,7 +70,7 @@ class HopCount:
 
 
 def count_hops(run: Run, truth: Truth | None, lamp: Lamp) -> HopCount:
-    """Return what became of the hops that a lamp counted.
+    """Return how many of the hops that a lamp counted flew.
 
     Args:
         run: The lamp's log.

@@ -1,4 +1,4 @@
-"""What may differ between a lamp and its twin, one knob each: how to bend the twin by it, and how to say it.
+"""Knobs: numbers in which a lamp may differ from its twin, how to change a twin by each, and how to name the cause.
 
 Sizes are differences from the calibration, in the unit that `Knob.unit` names; 0 is the calibrated twin.
 """
@@ -21,10 +21,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Change:
-    """How a bent twin differs from the calibrated one.
+    """How a changed twin differs from the calibrated one.
 
     Attributes:
-        bend: Of its model.
+        bend: How its model differs.
         late: How much later than it was sent a goal arrives [s].
         asked: How much later than its stamp an angle is sampled, since the question is held up, too [s].
         resistance: Of the supply [Ohm].
@@ -62,7 +62,6 @@ class Kind:
         more: Cause, the size positive; `{joint}` and `{size}` are filled in.
         less: Cause, the size negative; of what cannot be less than in the twin, only from one run to another.
         remedy: What settles it.
-        dynamic: Whether the lamp moves differently for it; else only what its sensors say differs.
         each: Whether every joint has one of its own.
         moving: Whether only motion tells it: standing still any size does.
     """
@@ -76,7 +75,6 @@ class Kind:
     more: str
     less: str
     remedy: str
-    dynamic: bool = True
     each: bool = False
     moving: bool = False
 
@@ -121,7 +119,7 @@ class Knob:
         return min(max(size, self.about.low), self.about.high)
 
     def cause(self, size: float, than: str = "modelled") -> str:
-        """Return what a difference of this size from what it is held against is called.
+        """Return the cause's name for a difference of this size from the reference.
 
         Of a size at the end of what is believed only that it is no less is known.
         """
@@ -131,7 +129,7 @@ class Knob:
         return text.format(joint=self.joint, size=bound + self.amount(abs(size)), than=than)
 
     def remedy(self) -> str:
-        """Return what settles it."""
+        """Return the remedy."""
         return self.about.remedy.format(joint=self.joint)
 
     def amount(self, size: float) -> str:
@@ -164,7 +162,7 @@ def _zero(size: float, joint: int, of: int) -> Change:
     return Change(zero=tuple(size if index == joint else 0.0 for index in range(of)))
 
 
-SLOW_LINE = "set the USB adapter's latency timer to 1 ms and plug it in without a hub; leave the computer to the loop"
+SLOW_LINE = "set the USB adapter's latency timer to 1 ms and plug it in without a hub; run nothing else on the computer"
 """What settles a line that holds packets up."""
 
 _RECORD = "`robolamp calibrate record` and `robolamp calibrate lamp`"
@@ -205,7 +203,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         "delay": Kind(
             "s", (-0.004, 0.004, 0.015), -0.016, 0.05, 0.0005,
             lambda size, joint, of: Change(late=size),
-            "goals take effect {size} later than {than}", "goals take effect {size} earlier than {than}",
+            "goal angles take effect {size} later than {than}", "goal angles take effect {size} earlier than {than}",
             "`robolamp calibrate record` and `robolamp calibrate lamp` settle the servos' delay; on a slow line, set "
             "the adapter's latency timer to 1 ms", moving=True,
         ),
@@ -213,8 +211,8 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         "latency": Kind(
             "s", (0.001, 0.003), 0.0, 0.05, 0.0003,
             lambda size, joint, of: Change(late=size, asked=size),
-            "the line to the servos holds everything up by {size}",
-            "the line to the servos holds everything up by {size} less than {than}",
+            "the line to the servos delays everything by {size}",
+            "the line to the servos delays everything by {size} less than {than}",
             SLOW_LINE,
         ),
         # Preflight: Min and Max Voltage Limit, 3.5 and 7.0 V of an XL330 at 5 V (e-manual).
@@ -228,14 +226,14 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         "resistance": Kind(
             "Ohm", (0.1, 0.3), 0.0, 1.0, 0.01,
             lambda size, joint, of: Change(resistance=size),
-            "the supply sags under load, as over {size}", "the supply sags less under load, as by {size} less",
+            "the supply sags under load, as through {size}", "the supply sags less under load, as through {size} less",
             "use thicker or shorter cables and a supply that holds 5 V at 4 A",
         ),
         # From 5 to 3.5 V in the 7.5 s of a run.
         "drain": Kind(
             "V/s", (0.02, 0.06), 0.0, 0.2, 0.001,
             lambda size, joint, of: Change(drain=size),
-            "the supply falls by {size} as time goes", "the supply falls by {size} less than {than} as time goes",
+            "the supply falls by {size} over time", "the supply falls by {size} less than {than} over time",
             "charge the battery, or use a mains supply",
         ),
         # Preflight: the lamp of 2.1 N may show 0.4 N (contact_on) to 10 N standing.
@@ -243,27 +241,27 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             "1", (-0.1, 0.1), -0.8, 4.0, 0.01,
             lambda size, joint, of: Change(foot_gain=1.0 + size),
             "the foot sensor reads {size} too much", "the foot sensor reads {size} too little",
-            "`robolamp setup foot` with a known weight", dynamic=False,
+            "`robolamp setup foot` with a known weight",
         ),
         # The same.
         "foot offset": Kind(
             "N", (-0.2, 0.2), -1.7, 8.0, 0.01,
             lambda size, joint, of: Change(foot_offset=size),
             "the foot sensor reads {size} too much at any load", "the foot sensor reads {size} too little at any load",
-            "`robolamp setup foot` tares it", dynamic=False,
+            "`robolamp setup foot` tares it",
         ),
         # Chosen: the lamp's own weight in 10 s; a warming load cell drifts by a hundredth of that.
         "foot drift": Kind(
             "N/s", (-0.05, 0.05), -0.2, 0.2, 0.002,
             lambda size, joint, of: Change(foot_drift=size),
             "the foot sensor's zero rises by {size}", "the foot sensor's zero falls by {size}",
-            "let it warm up, keep draughts off, then `robolamp setup foot`", dynamic=False,
+            "let it warm up, keep draughts off, then `robolamp setup foot`",
         ),
         # Rubber on wood: 0.6 to 1.0 (nominal.toml: 0.8); chosen: from ice, 0.08, to sticky, 1.6.
         "floor": Kind(
             "1", (-0.35, -0.15, 0.15, 0.35), -0.9, 1.0, 0.02,
             lambda size, joint, of: Change(Bend(floor=1.0 + size)),
-            "the floor holds {size} better than {than}", "the floor is {size} slipperier than {than}",
+            "the floor grips {size} better than {than}", "the floor is {size} slipperier than {than}",
             "clean foot and desk; `robolamp calibrate record` and `robolamp calibrate lamp` settle lamp.floor_friction",
             moving=True,
         ),
@@ -283,7 +281,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         ),
     }
 )  # fmt: skip
-"""Every kind of difference that a twin can be bent by."""
+"""Every kind of knob."""
 
 
 def knobs(lamp: Lamp) -> list[Knob]:

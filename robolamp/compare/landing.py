@@ -1,4 +1,4 @@
-"""Where a lamp came to rest, and which of its hops flew: by the emulator's truth, or a ruler; never by its sensors."""
+"""Where a lamp came to rest, and which of its hops flew: by the truth log or a ruler, never by its sensors."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Landing:
 
 
 def landing_of(run: Run, truth: Truth | None, lamp: Lamp) -> Landing:
-    """Return what the truth says of a run's end; nothing where there is none, or where it does not cover the run.
+    """Return a run's end by its truth log; nothing if there is no truth log or it does not cover the run.
 
     Args:
         run: The log.

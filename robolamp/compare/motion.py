@@ -1,4 +1,4 @@
-"""The motion that a log tells of, as positions of the twin's model: what pictures, videos and the player show."""
+"""The motion in a log, as positions of the twin's model: what pictures, videos and the player show."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 def lamp_motion(run: Run, replay: Replay, time: Array, truth: Truth | None = None) -> Array:
-    """Return what the lamp did: its measured joint angles, on the base of the truth or, without it, of the replay.
+    """Return the lamp's motion: its measured joint angles; the base from the truth log, or else from the replay.
 
     Nothing on a lamp measures where its base is. Where only a log is at hand the twin's base stands in for it: joints
     are then the lamp's, hops the twin's.
@@ -43,7 +43,7 @@ def lamp_motion(run: Run, replay: Replay, time: Array, truth: Truth | None = Non
 
 
 def truth_of(run: Run, path: Path | None) -> Truth | None:
-    """Return the truth that belongs to a log.
+    """Return the truth log that belongs to a log.
 
     Args:
         run: The lamp's log.
@@ -69,7 +69,7 @@ def truth_of(run: Run, path: Path | None) -> Truth | None:
 
 
 def twin_motion(replay: Replay, time: Array) -> Array:
-    """Return what the twin did.
+    """Return the twin's motion.
 
     Args:
         replay: The twin's replay.

@@ -32,7 +32,7 @@ class Pause:
 
     @property
     def length(self) -> float:
-        """How long its time stood still [s]."""
+        """How long the controller's time stood still [s]."""
         return self.end - self.begin
 
 
@@ -65,7 +65,7 @@ def pauses(run: Run) -> tuple[Pause, ...]:
 
 
 def driven_time(run: Run, row: int) -> float:
-    """Return the time that the controller was told in a tick [s]; NaN where the log does not say.
+    """Return the controller's time t in each tick [s]; NaN where the log does not say.
 
     Args:
         run: The log.
@@ -76,7 +76,7 @@ def driven_time(run: Run, row: int) -> float:
 
 
 def asked(run: Run, row: int) -> int:
-    """Return the last tick, up to one, in which the controller was asked: readings may have been lost since."""
+    """Return the last tick, up to one, in which the controller ran: readings may have been lost since."""
     known = np.flatnonzero((run.phase[: row + 1] == "run") & np.isfinite(run.angle[: row + 1]).all(axis=1))
     return int(known[-1]) if known.size else row
 

@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robolamp.compare.motion import lamp_motion, twin_motion
 from robolamp.compare.replay import Replay
 from robolamp.log.reader import Run, Truth
 from robolamp.player.page import Chart, Motion, Playback, Series
 from robolamp.player.scene import poses_of, scene_of
-
-Array = NDArray[np.float64]
 
 _FRAME = 0.02  # time between two frames; the player moves smoothly from one to the next [s]
 _MOST_FRAMES = 15_000  # of a run that lasts longer there are fewer a second: 8 MB of poses are enough

@@ -1,4 +1,4 @@
-"""The twin replays a log: the goals as they were sent, at the times they were sent."""
+"""The replay: the twin is driven with a log's goal angles, at the times they were sent."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Replay:
 
 
 def replay(run: Run, lamp: Lamp, calibration: Calibration, assets: Assets) -> Replay:
-    """Drive the twin with a log's goals.
+    """Drive the twin with a log's goal angles.
 
     A goal arrives at the twin's servos when its packet has passed the line, within a physics step too. The
     calibration's line delay, which stands for that time where there is no log, plays no part. A stage's duty limit

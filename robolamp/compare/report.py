@@ -1,4 +1,4 @@
-"""The report: one self-contained HTML file that a person can judge a run by; report.js draws its plots."""
+"""The report: one self-contained HTML file that shows how a run went; report.js draws its plots."""
 
 from __future__ import annotations
 
@@ -95,9 +95,10 @@ _PARTS = ("uPlot.iife.min.js", "uPlot.min.css", "report.js", "report.css")
 
 
 def three(comparison: Comparison) -> tuple[tuple[str, str, str], ...]:
-    """Return the verdict's three parts: each its question, its answer in a word or two, and what that rests on."""
+    """Return the three questions, each with its answer in a word or two and the reasons."""
     task, judged, alone = comparison.task, comparison.judged, comparison.alone
-    against, same = "Does the twin explain it?", "Driven with the goals that the lamp was sent, the twin does the same"
+    against = "Does the twin explain it?"
+    same = "Driven with the goal angles that the lamp was sent, the twin does the same"
     if comparison.reference is not None:
         against, same = "Do both runs agree?", f"The {comparison.lamp.name} and the {comparison.other.name} do the same"
     why = judged.why or (f"{same}, within the tolerances",)
@@ -116,8 +117,8 @@ def _alone(comparison: Comparison, alone: Alone) -> tuple[str, str]:
     same = (comparison.task.word, alone.hit) == (NOT_DONE, False)
     return (
         "Fell" if alone.fell else "Done" if alone.hit else "Not done",
-        f"{did} after {alone.hops} hop{'s' * (alone.hops != 1)}, in its own closed loop, without the goals that the "
-        f"lamp was sent.{' It misses there, too: look at the controller before the lamp.' * same}",
+        f"{did} after {alone.hops} hop{'s' * (alone.hops != 1)}, in its own closed loop, without the goal angles "
+        f"that the lamp was sent.{' It misses there, too: look at the controller before the lamp.' * same}",
     )
 
 
@@ -129,7 +130,7 @@ def sentence(comparison: Comparison) -> str:
     """Return how far the two are apart in a sentence or two."""
     joints = [joint for joint in comparison.joints if joint.known]
     if not joints:
-        return "Of no joint are there readings enough to compare."
+        return "No joint has enough readings to compare."
     mean = float(np.mean([joint.after.mae for joint in joints])) * 1e3
     worst = max(joints, key=lambda joint: joint.after.mae)
     lags = [joint.lag for joint in joints if math.isfinite(joint.lag)]
@@ -140,10 +141,10 @@ def sentence(comparison: Comparison) -> str:
         f"On average the joints are {mean:.1f} mrad from the {whose}{late}; the {worst.name} is off most, by "
         f"{worst.after.mae * 1e3:.1f} mrad (allowed: {comparison.tolerances.joint_mae * 1e3:.0f})."
     )
-    if math.isfinite(comparison.lamp_travel) and math.isfinite(comparison.twin_travel):
-        who = "twin, replaying its goals," if comparison.reference is None else comparison.other.name
+    if math.isfinite(comparison.lamp.travel) and math.isfinite(comparison.other.travel):
+        who = "twin, replaying its goal angles," if comparison.reference is None else comparison.other.name
         said += (
-            f" The {comparison.lamp.name} came {_cm(comparison.lamp_travel)}, the {who} {_cm(comparison.twin_travel)}"
+            f" The {comparison.lamp.name} came {_cm(comparison.lamp.travel)}, the {who} {_cm(comparison.other.travel)}"
             f" (allowed: {_cm(comparison.tolerances.travel)} apart)."
         )
     return said
@@ -179,7 +180,7 @@ def _title(comparison: Comparison) -> str:
 
 
 def _colours(comparison: Comparison) -> tuple[str, str, str]:
-    """Return the class of each of the three parts."""
+    """Return the CSS class of each of the three answers."""
     of = {DONE: "good", INSIDE: "good", CANNOT_SAY: "open"}
     alone = comparison.alone
     return (
@@ -217,11 +218,11 @@ def _diagnosis(comparison: Comparison) -> str:
             f"<p>{text(_capital(finding.evidence))}.</p><p class='remedy'>{text(_capital(finding.remedy))}.</p></li>"
         )
     how = (
-        "What must have changed between the two runs, what explains most first. Both were replayed in the twin with "
-        "each of its numbers bent; the bar is the share of the difference that a change accounts for"
+        "What must have changed between the two runs; the change that explains most comes first. Twins with one number "
+        "changed replayed both runs; the bar is the share of the difference that a change accounts for"
         if comparison.reference
-        else "Likeliest first. The twin was replayed with each of its numbers bent; the bar is how much of the "
-        "difference the best size explains, each line beyond those above it"
+        else "Likeliest first. Twins with one number changed replayed the run; the bar is how much of the difference "
+        "the best size explains beyond the lines above it"
     )
     return (
         f"<section><h2>What is different</h2><p class='note'>{how}.</p><ol class='diagnosis'>{items}</ol>"
@@ -250,7 +251,7 @@ def _motion(comparison: Comparison) -> str:
 
 
 def _drawn(comparison: Comparison) -> str:
-    return "it is drawn on the twin's" if comparison.reference is None else "it is drawn on its replay's in the twin"
+    return f"it is drawn where the twin's is{'' if comparison.reference is None else ' in its replay'}"
 
 
 def _shown(comparison: Comparison) -> dict[float, str]:
@@ -453,12 +454,12 @@ def _facts(comparison: Comparison, name: str) -> str:
 
 
 def _landed(comparison: Comparison) -> str:
-    replays = " (replaying the lamp's goals)" if comparison.reference is None else ""
-    other = f"{comparison.other.name}{replays} {_cm(comparison.twin_travel)}"
-    if not math.isfinite(comparison.lamp_travel):
+    replays = " (replaying the lamp's goal angles)" if comparison.reference is None else ""
+    other = f"{comparison.other.name}{replays} {_cm(comparison.other.travel)}"
+    if not math.isfinite(comparison.lamp.travel):
         said = f"{other}; the {comparison.lamp.name}'s own travel is not measured"
     else:
-        said = f"{comparison.lamp.name} {_cm(comparison.lamp_travel)}, {other}"
+        said = f"{comparison.lamp.name} {_cm(comparison.lamp.travel)}, {other}"
     return said if comparison.alone.why else f"{said}; the controller alone on the twin {_cm(comparison.alone.travel)}"
 
 

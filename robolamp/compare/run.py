@@ -59,7 +59,7 @@ def compare_log(
         truth: The truth log of an emulated lamp, where there is one.
         landed: How far the base came by a ruler [m]; it counts before the truth.
         tolerances: What is allowed; None: calibration/tolerances/default.toml.
-        diagnosis: Replay bent twins to say what differs; takes a few seconds.
+        diagnosis: Find causes by replays of twins with one knob changed; takes a few seconds.
 
     Raises:
         FileError: A file is missing, is no log, or belongs to another lamp; the report cannot be written.
@@ -93,20 +93,20 @@ def compare_logs(
     tolerances: Tolerances | None = None,
     diagnosis: bool = True,
 ) -> Comparison:
-    """Compare two runs of one controller to one goal: a lamp's with a simulation's, or today's with yesterday's.
+    """Compare two runs of one controller to one goal: a lamp's with a twin's, or today's with yesterday's.
 
-    Both are laid over each other from the controller's first tick on. The diagnosis replays both in the twin, and says
+    Both begin at the controller's first tick. The diagnosis replays both in the twin, and says
     what must have changed between them.
 
     Args:
         log: The run that is judged.
-        reference: What it is held against.
+        reference: What it is compared with.
         assets: Where lamp, model and tolerances are.
         calibration: What the twin is calculated with, for the diagnosis.
         out: The HTML report.
         truths: What truly happened in each, of emulated lamps.
         tolerances: What is allowed; None: calibration/tolerances/default.toml.
-        diagnosis: Replay bent twins to say what differs; takes a few seconds.
+        diagnosis: Find causes by replays of twins with one knob changed; takes a few seconds.
 
     Raises:
         FileError: A file is missing, is no log, or belongs to another lamp; the two are of different controllers or
@@ -134,7 +134,7 @@ def compare_logs(
     if diagnosis:
         both = Evidence(run, lamp, calibration, assets), Evidence(held, lamp, calibration, assets)
         account = changed(*both, lamp)
-    than = "in the simulation" if comparison.other.name == "twin" else "before"
+    than = "on the twin" if comparison.other.name == "twin" else "before"
     found = diagnose(run, account, comparison.joints, calibration, lamp, than, truth=true[0])
     return _finish(comparison, tuple(found), account)
 
@@ -163,7 +163,7 @@ def compare_joints(run: Run, lamp: Side, other: Side) -> tuple[JointError, ...]:
     Args:
         run: The lamp's run.
         lamp: What the lamp did.
-        other: What it is held against.
+        other: What it is compared with.
     """
     rows = compared(run)
     return tuple(
@@ -229,7 +229,7 @@ def _lay_over(
 
 
 def seen(run: Run, truth: Truth | None, ruler: float | None, lamp: Lamp, name: str = "lamp") -> tuple[Side, Landing]:
-    """Return the lamp's side of a run, and what is known of where it landed: by a ruler before the truth.
+    """Return the lamp's side of a run, and where it landed: by the ruler if there is one, else by the truth log.
 
     Args:
         run: The log.
@@ -281,7 +281,7 @@ def called(run: Run, held: Run) -> tuple[str, str]:
 
     Args:
         run: The run that is judged.
-        held: What it is held against.
+        held: What it is compared with.
     """
     if held.context.get("backend") == "twin":
         return "lamp", "twin"

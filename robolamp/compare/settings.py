@@ -1,4 +1,4 @@
-"""What the servos were set to in a run, as its log says, against what driver and lamp.toml want of them."""
+"""The servos' settings in a run, by its log, against those that driver and lamp.toml want."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from robolamp.log.reader import Run
 
 
 def wrong_settings(run: Run, lamp: Lamp) -> Iterator[tuple[str, str]]:
-    """Yield each joint whose servo was set otherwise, and how, in words; nothing where the log does not say.
+    """Yield each joint whose servo had wrong settings, and which, in words; nothing if the log does not say.
 
     Args:
         run: The log.

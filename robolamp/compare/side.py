@@ -41,7 +41,7 @@ class Base:
 
 @dataclass(frozen=True)
 class Side:
-    """What one of the two did. Times are from the first tick of phase "run" (of the log, where it has none) [s].
+    """The motion of one of the two. Times are from the first tick of phase "run" (of the log, where it has none) [s].
 
     Attributes:
         name: What to call it: "lamp", "twin", or, of two lamps, "lamp" and the log's name.
@@ -99,7 +99,7 @@ def compared(run: Run) -> NDArray[np.bool_]:
 
 
 def covers(run: Run, truth: Truth) -> bool:
-    """Return whether a truth log begins and ends no more than `SLACK` within a run: else its end tells of no landing.
+    """Return whether a truth log begins and ends at most `SLACK` inside a run: else its end is not the landing.
 
     Args:
         run: The log.

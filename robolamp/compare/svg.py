@@ -1,4 +1,4 @@
-"""Plots as SVG that takes its colours from the page it stands in: readable on light and on dark."""
+"""Plots as SVG with the colours of their page: readable on light and on dark."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ DONE, NOT_DONE, CANNOT_SAY = "done", "not done", "cannot say"
 
 @dataclass(frozen=True)
 class Task:
-    """What became of a run's task.
+    """Whether a run did its task, and why.
 
     Attributes:
         word: "done", "not done" or "cannot say".
@@ -35,7 +35,7 @@ class Task:
 def task_of(run: Run, lamp: Lamp, ending: Ending, landing: Landing, alone: Alone, allowed: float) -> Task:
     """Return whether a run did its task: at rest within `allowed` of the goal, upright, at the end of a whole run.
 
-    Where nobody knows where it landed, only what speaks against it can be said.
+    If nobody knows where it landed, the answer can only be "not done" or "cannot say".
 
     Args:
         run: The log.
@@ -81,7 +81,7 @@ def _against(run: Run, landing: Landing, allowed: float) -> Iterator[str]:
 
 
 def _signs(run: Run, lamp: Lamp, landing: Landing, alone: Alone) -> Iterator[str]:
-    """Yield what a lamp's own sensors say against it, where nobody saw what it did; a ruler tells no fall."""
+    """Yield signs in the lamp's own sensors that it failed, where there is no truth log; a ruler shows no fall."""
     if landing.fell is not None:
         return
     rows = run.phase == "run"

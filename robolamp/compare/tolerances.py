@@ -15,7 +15,6 @@ class Tolerances:
     """Largest differences that count as inside.
 
     Attributes:
-        name: Their name.
         joint_mae: Each joint's mean absolute error once the lag is removed [rad].
         lag: Each joint's lag, either way [s].
         travel: Difference of the base's travel, where it is known [m].
@@ -23,10 +22,8 @@ class Tolerances:
         missing: Share of a joint's, or the foot's, readings that may be missing.
         asked_again: Share of a joint's readings that may have come only when asked again.
         goal: Distance from the goal at which the task is done [m].
-        path: The file.
     """
 
-    name: str
     joint_mae: float
     lag: float
     travel: float
@@ -34,7 +31,6 @@ class Tolerances:
     missing: float
     asked_again: float
     goal: float
-    path: Path
 
 
 def load_tolerances(assets: Assets, name: str | Path = "default") -> Tolerances:
@@ -50,8 +46,8 @@ def load_tolerances(assets: Assets, name: str | Path = "default") -> Tolerances:
     path = assets.named(name, "calibration/tolerances", "tolerances file")
     root = Table(read_toml(path), str(path))
     root.integer("schema", 1, 1)
+    root.text("name")
     tolerances = Tolerances(
-        name=root.text("name"),
         joint_mae=root.number("joint_mae", 0.0, 3.0, "rad"),
         lag=root.number("lag", 0.0, 1.0, "s"),
         travel=root.number("travel", 0.0, 10.0, "m"),
@@ -59,7 +55,6 @@ def load_tolerances(assets: Assets, name: str | Path = "default") -> Tolerances:
         missing=root.number("missing", 0.0, 1.0, default=0.0),
         asked_again=root.number("asked_again", 0.0, 1.0, default=0.01),
         goal=root.number("goal", 0.0, 1.0, "m", default=GOAL_RADIUS),
-        path=path,
     )
     root.done()
     return tolerances

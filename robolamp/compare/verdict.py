@@ -42,14 +42,14 @@ class Verdict:
 
     @property
     def word(self) -> str:
-        """Return "inside", "outside" or "cannot say": a difference that is seen counts, whatever else is not known."""
+        """Return "inside", "outside" or "cannot say": a measured difference counts, whatever else is unknown."""
         if self.exceeded and self.driven:
             return OUTSIDE
         return CANNOT_SAY if self.unknown else INSIDE
 
     @property
     def why(self) -> tuple[str, ...]:
-        """Return what the word rests on; empty for "inside"."""
+        """Return the reasons; empty for "inside"."""
         return self.exceeded + self.unknown if self.driven else self.unknown
 
 
@@ -63,10 +63,10 @@ def verdict_of(
     allowed: Tolerances,
     reference: Run | None = None,
 ) -> Verdict:
-    """Return whether what the lamp is held against explains what it did.
+    """Return whether the reference (twin or other run) explains what the lamp did.
 
-    Against the twin's replay a travel that nobody measured leaves the verdict open. Of two logs it is left out where
-    it is not known of both.
+    With the twin as reference, an unmeasured travel makes it "cannot say". Of two logs, travel counts only where both
+    are known.
 
     Args:
         run: The lamp's log.
@@ -74,7 +74,7 @@ def verdict_of(
         joints: The differences, joint by joint.
         hops: The hops of both.
         lamp: What the lamp did.
-        other: What it is held against.
+        other: Its reference: what the twin or the other lamp did.
         allowed: The tolerances.
         reference: The other one's log, where two logs are compared.
     """
@@ -146,7 +146,7 @@ def _gaps(run: Run, allowed: Tolerances) -> Iterator[str]:
 
 
 def _lost(run: Run, allowed: Tolerances) -> Iterator[str]:
-    """Yield that ticks are not in the log though they ran: nobody knows what the lamp did in them."""
+    """Yield a reason if ticks that ran are not in the log: nobody knows what the lamp did in them."""
     driven = run.phase == "run"
     lost = int((np.diff(run.index) - 1)[driven[1:] | driven[:-1]].sum())
     of = int(np.count_nonzero(driven)) + lost
@@ -155,7 +155,7 @@ def _lost(run: Run, allowed: Tolerances) -> Iterator[str]:
 
 
 def _faults(run: Run, allowed: Tolerances) -> Iterator[str]:
-    """Yield the faults while the controller drove: the twin knows none.
+    """Yield the faults while the controller drove: the twin has none.
 
     A servo that answered only when asked again left no gap: that is a fault where it is more often than allowed.
     """
@@ -205,11 +205,11 @@ def _unknown(
             yield f"too few readings: {joint.name}, {there} of {joint.of}"
     known = [math.isfinite(joint.lag) for joint in joints]
     if not any(known):
-        yield "lag unknown: no joint moved enough, and alike, to have one"
+        yield "lag unknown: no joint moved enough, and enough alike, to measure it"
     else:
         for index, joint in enumerate(joints):
             if not known[index] and any(_moves(side, index, end) for side in (lamp, other)):
-                yield f"{joint.name}: lag unknown, the two do not show one motion"
+                yield f"{joint.name}: lag unknown, the two moved too differently"
 
 
 def _moves(side: Side, joint: int, end: float) -> bool:

@@ -27,7 +27,7 @@ _LONGEST = 64
 
 
 def slug(text: str) -> str:
-    """Return a name that a controller may have: the text where it is one, else the nearest to it.
+    """Return a legal controller name: the text if it is one, else the nearest to it.
 
     Args:
         text: What it should be called.
@@ -118,7 +118,7 @@ class Controller:
 
 
 def check_terminals(controller: Controller, supplied: Sequence[str], where: str) -> None:
-    """Refuse a controller that needs a signal which is not there.
+    """Refuse a controller that needs a signal that the lamp does not have.
 
     Args:
         controller: The controller.
@@ -139,7 +139,7 @@ def check_terminals(controller: Controller, supplied: Sequence[str], where: str)
 
 
 def check_goal_time(controller: Controller, goal_time: float | None) -> None:
-    """Refuse a controller that reads goal_time where none was commanded.
+    """Refuse a controller that reads goal_time if no time was given.
 
     Args:
         controller: The controller.
@@ -179,7 +179,7 @@ def _genome(root: Table, terminals: Sequence[str], expressions: Sequence[Express
 
 
 def read_figure(path: Path) -> str:
-    """Return what a controller file drives, by its word alone: "lamp" unless it says otherwise.
+    """Return the figure that a controller file names: "lamp" unless it says otherwise.
 
     Raises:
         FileError: The file is missing or not TOML.

@@ -60,11 +60,6 @@ class Bent:
     encoders: Encoders | None = None
     own_delay: bool = False
 
-    @classmethod
-    def straight(cls, twin: TwinModel) -> Bent:
-        """Return a twin that nothing bends."""
-        return cls(twin, own_delay=bool(twin.gears.parted.any()))
-
 
 class Bender:
     """Bends a lamp's model: `bend` and `reshape` before it is compiled, `finish` after.

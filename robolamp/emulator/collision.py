@@ -1,4 +1,4 @@
-"""What is heard when several servos speak at once: the line's bits are low where anyone pulls it low.
+"""What a client receives when several servos answer at once: a bit is low if any of them pulls the line low.
 
 Servos with one id answer together. Each byte is ten bits: a start bit (low), eight data bits, the least significant
 first, and a stop bit (high); the line rests high. The receiver waits for the line to fall, samples each bit in its
@@ -16,7 +16,7 @@ _FRAME = _BITS * _SAMPLES
 
 
 def collide(answers: Sequence[tuple[float, bytes]], byte: float) -> list[tuple[float, bytes]]:
-    """Return what is heard of answers to one instruction.
+    """Return what a client receives of the answers to one instruction.
 
     Args:
         answers: Of each servo, how long after the instruction it begins [s], and its bytes.

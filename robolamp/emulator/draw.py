@@ -1,6 +1,6 @@
-"""Realities drawn by chance: unknown truths for calibration to meet, and single faults for a diagnosis to name.
+"""Realities drawn at random: unknown lamps to test calibration on, and single knobs to test a diagnosis on.
 
-`random_reality` bends everything at once, also what no calibration can express. With scale 1 it draws, for each joint
+`random_reality` changes everything at once, also what no calibration can express. With scale 1 it draws, for each joint
 on its own or for the whole lamp (N: normal, cut off at 2.5 standard deviations; U: uniform; exp: of what follows):
 
 | what | drawn as | why so |
@@ -179,7 +179,7 @@ KINDS: Mapping[str, _Kind] = MappingProxyType(
 
 
 def random_knob(kind: str, lamp: Lamp, seed: int) -> Knob:
-    """Bend exactly one thing, by a size drawn at random; of a joint: of one, drawn too.
+    """Change exactly one knob by a random size; for a joint's knob, the joint is random too.
 
     Args:
         kind: One of `KINDS`.

@@ -1,4 +1,4 @@
-"""A servo's EEPROM in a file: what a client wrote is there again when the emulator starts again.
+"""A servo's EEPROM in a file: what a client wrote is still there when the emulator starts again.
 
 model = "XL330-M288-T"
 
@@ -49,7 +49,7 @@ def load_eeprom(path: Path, model: Model) -> dict[Name, int]:
 
 
 def open_folder(path: Path) -> Path:
-    """Return a folder that EEPROM can be kept in, made where it is missing.
+    """Return a folder to keep EEPROM in; makes it if it is missing.
 
     Args:
         path: The folder.

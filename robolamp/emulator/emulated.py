@@ -1,4 +1,4 @@
-"""What the two clocks, real time and lockstep, need of what they run: a lamp, or bare servos."""
+"""What real time and lockstep need of an emulated lamp or of bare servos: one interface."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from robolamp.emulator.line import Line, Reply
 
 
 class Emulated(Protocol):
-    """Servos on a line in a time that is given to them, and perhaps a foot sensor.
+    """Servos on a line, and perhaps a foot sensor, whose time the caller sets.
 
     Attributes:
         line: What connects the servos.

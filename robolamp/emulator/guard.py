@@ -1,4 +1,4 @@
-"""What a servo protects itself from: heat, overload, a supply outside its limits (e-manual "Shutdown(63)").
+"""How a servo protects itself against heat, overload and a supply outside its limits (e-manual "Shutdown(63)").
 
 The e-manual names the conditions and gives no times: those here are estimates. The temperature is a first-order model:
 C dT/dt = R i^2 - (T - air) / R_th.

@@ -46,7 +46,7 @@ class Injector:
 
     Attributes:
         injections: All so far, in order.
-        report: Called with each injection as it happens; None: nobody is.
+        report: Called with each injection as it happens; None: nothing is.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""What a servo remembers without power: its EEPROM, in a file if asked, and its backup area.
+"""A servo's memory without power: its EEPROM, in a file if asked, and its backup area.
 
 From the e-manual's protocol 2.0 page ("Factory Reset", "Control Table Backup").
 """

@@ -98,11 +98,11 @@ class Motion:
 
     @property
     def watching(self) -> bool:
-        """Whether `step` must be told what the sensors measure: it counts turns, regulates, or follows a profile."""
+        """Whether `step` needs what the sensors measure: it counts turns, regulates, or follows a profile."""
         return self._regulating or self._profile.ongoing or self.mode is not OperatingMode.POSITION
 
     def power_on(self, seen: Sensed) -> None:
-        """Set goals as at power-on: the limits, the present position; in the mode's own, nothing that moves it."""
+        """Set goal registers as at power-on: the limits, the present position; the mode's own goal moves nothing."""
         self.find(seen)
         for goal, limit in _LIMITED:
             if goal in self._table:
@@ -118,14 +118,14 @@ class Motion:
         self.power_on(seen)
 
     def find(self, seen: Sensed) -> None:
-        """Take the present position for one within the first turn."""
+        """Count the present position as within the first turn."""
         self._reversed = bool(self._table.get(Name.DRIVE_MODE) & REVERSE)
         self._shaft = seen.angle
         self.position = self._sense(seen.angle) % _TURN
         self._speed = self._moved = 0.0
 
     def hold_here(self) -> None:
-        """Take the present position for the goal."""
+        """Make the present position the goal."""
         self._table.put(Name.GOAL_POSITION, self._counts(self.position))
         self._stopped: float | None = None  # shaft angle where the Bus Watchdog stopped it [rad]
         self._rest()

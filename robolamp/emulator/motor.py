@@ -1,4 +1,4 @@
-"""A bare servo's motor and gear, from the datasheet: what turns when no lamp is built around it.
+"""A bare servo's motor and gear, from the datasheet: what turns when there is no lamp.
 
     voltage = R i + K w        torque = K i        (J + load) dw/dt = K i - b w - friction
 
@@ -25,7 +25,7 @@ _MOST_EMF = 0.97  # back-EMF by supply voltage at no load, at most: the rest dri
 
 @dataclass(frozen=True, slots=True)
 class Datasheet:
-    """What is printed of a servo, at one voltage, and what is estimated.
+    """A servo's datasheet values at one voltage, and estimates of the others.
 
     Attributes:
         voltage: [V].

@@ -146,7 +146,7 @@ class Servo:
             self._motion.stop(self._sense(time))
 
     def heard(self, time: float) -> None:
-        """Take note of an instruction packet on the bus, whoever it is for: it feeds the Bus Watchdog."""
+        """Notice an instruction packet on the bus for any servo: it feeds the Bus Watchdog."""
         self._fed = time
 
     def reboot(self, time: float) -> None:
@@ -173,7 +173,7 @@ class Servo:
         self._motion.obey({name: value})
 
     def fail(self, errors: HardwareError) -> None:
-        """Meet with hardware errors: they stay until a reboot, and shut it down where Shutdown(63) says so.
+        """Set hardware errors: they stay until a reboot, and shut the servo down if Shutdown(63) says so.
 
         Args:
             errors: Bits of Hardware Error Status(70).

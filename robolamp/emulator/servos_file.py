@@ -103,12 +103,10 @@ class ServosFile:
     Attributes:
         name: Its name.
         servos: The servos, at least one.
-        path: Where it came from.
     """
 
     name: str
     servos: tuple[BareServo, ...]
-    path: Path
 
 
 def load_servos(path: Path, assets: Assets | None = None) -> ServosFile:
@@ -131,7 +129,7 @@ def load_servos(path: Path, assets: Assets | None = None) -> ServosFile:
                 raise table.fail("id", f"{servo.id} at {servo.baud} baud is another servo's too; expected one of each")
         servos.append(servo)
     root.done()
-    return ServosFile(name, tuple(servos), path)
+    return ServosFile(name, tuple(servos))
 
 
 def _servo(table: Table, assets: Assets) -> BareServo:

@@ -1,4 +1,4 @@
-"""What a fault that hits a servo once does to it."""
+"""What one-time faults do to a servo."""
 
 from __future__ import annotations
 

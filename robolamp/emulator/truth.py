@@ -55,7 +55,7 @@ class TruthLog:
         self._writer.close()
 
     def shift(self, seconds: float) -> None:
-        """Take note that the lamp's clock was stopped for a while.
+        """Notice that the lamp's clock stood still for a while.
 
         Args:
             seconds: How long [s].

@@ -1,4 +1,4 @@
-"""Whose turn it is: what servos on one line answer to an instruction, in order, with the silences between.
+"""Turns on the line: what the servos answer to an instruction, in order, with the silences between.
 
 From the e-manual's protocol 2.0 page (https://emanual.robotis.com/docs/en/dxl/protocol2/).
 """

@@ -1,4 +1,4 @@
-"""From one generation to the next: which representation, which parents, which children."""
+"""How one generation follows from another: representation, choice of parents, making of children."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def choose(
 
 
 class Trees:
-    """Trees as a representation: a genotype is what it expresses; see `robolamp.evolve.tree`.
+    """Trees as a representation: genotype and phenotype are the same; see `robolamp.evolve.tree`.
 
     Args:
         task: Shares, limits, and the range of constants.
@@ -138,5 +138,5 @@ class Trees:
         return tuple(parse(text, self._terminals, where) for text in texts)
 
     def genes(self, genotype: Genome) -> Mapping[str, str]:
-        """Return nothing: a controller's expressions are all there is."""
+        """Return nothing: a tree has nothing beside its expressions."""
         return {}

@@ -1,4 +1,4 @@
-"""Fitness cases: goal distances that are well spread but on no grid (Gritz & Hahn 1997, section 3.6)."""
+"""Fitness cases: goal distances that are evenly spread, but not on a grid (Gritz & Hahn 1997, section 3.6)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _DARTS = 50  # ... after this many throws a goal
 
 
 def poisson_disk(rng: np.random.Generator, count: int, low: float, high: float, spacing: float) -> NDArray[np.float64]:
-    """Draw goals by dart throwing: a sample too close to an earlier one is thrown again.
+    """Draw goals by dart throwing: a sample too close to an earlier one is drawn again.
 
     Args:
         rng: Where randomness comes from.

@@ -1,4 +1,4 @@
-"""Checkpoints: everything that decides how a run goes on, in one JSON file that is replaced whole."""
+"""Checkpoints: everything that a run needs to continue, in one JSON file that is replaced as a whole."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Checkpoint:
         stage: "evolution", "tuning" or "done".
         generation: The next one to be evaluated.
         population: Its individuals: genotypes, as are all individuals here but those of `known` and `traced`.
-        mothers: For each individual the index in `parents` of whom it has most from; -1: nobody.
+        mothers: For each individual the index in `parents` of the one it has most from; -1: none.
         parents: What the population was bred from.
         promise: What fitness is expected of each individual.
         known: `MEASURES` on every case of the programs that are remembered, by key.

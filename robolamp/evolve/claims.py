@@ -37,7 +37,7 @@ Results = Mapping[str, Sequence[float]]
 
 @dataclass(frozen=True)
 class Verdict:
-    """What came of a claim.
+    """The verdict on a claim.
 
     Attributes:
         study: Name of the study.

@@ -1,4 +1,4 @@
-"""Fitness terms: what can be wrong with a run, each as a number; lower is better."""
+"""Fitness terms: each measures one thing that can be wrong with a run; lower is better."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ def _tilt(outcome: FigureOutcome) -> NDArray[np.float64]:
 
 
 def load_terms(path: Path) -> None:
-    """Run a Python file that registers fitness terms of one's own with `@term`.
+    """Run a user's Python file, which registers fitness terms with `@term`.
 
     Raises:
         FileError: The file is missing, fails, or registers nothing.

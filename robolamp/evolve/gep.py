@@ -1,4 +1,4 @@
-"""Gene expression programming: chromosomes of one gene a joint (Ferreira 2001; EMOT, section 4.2 and Table 2)."""
+"""Gene expression programming: chromosomes, one gene for each joint (Ferreira 2001; EMOT, section 4.2 and Table 2)."""
 
 from __future__ import annotations
 

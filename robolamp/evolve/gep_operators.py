@@ -1,6 +1,6 @@
 """The operators of gene expression programming on arrays of chromosomes (Ferreira 2001, section 5; EMOT, Table 2).
 
-What is drawn and what is done are apart: the functions here that take positions do one thing to given places. Symbols
+Random choices are made elsewhere: the functions here that take positions do one thing at given places. Symbols
 have shape (chromosomes, genes, h + t + t): head, tail and domain of each gene, one after the other. A gene's constants
 stand behind its domain: where a recombination takes over the end of a gene, it takes over its constants.
 """

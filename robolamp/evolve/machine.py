@@ -1,4 +1,4 @@
-"""What a run's last bit depends on: the processor and the versions of what computes."""
+"""What a run's last bit depends on: the processor, and the versions of everything that computes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def machine() -> dict[str, str]:
 
 
 def differences(own: Mapping[str, str], others: Mapping[str, Mapping[str, str]]) -> list[str]:
-    """Say in words where other machines differ from one's own; results may differ there in the last bit.
+    """Return in words how other machines differ from this one; results may differ there in the last bit.
 
     Args:
         own: `machine` here.

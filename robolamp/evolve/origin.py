@@ -1,4 +1,4 @@
-"""Where a run's controller comes from: bred, or one that a person wrote, with other numbers or as it was."""
+"""Where a run's controller comes from: evolved, tuned (a person's with other numbers), or written by hand."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from robolamp.controller.file import BY_HAND, EVOLVED, TUNED, Controller
 
 
 def marks(seeds: Sequence[Controller]) -> str:
-    """Return what tells those seeds again that are not evolved: kept in run.toml, for a run that goes on.
+    """Return marks by which a resumed run recognises the seeds that were not evolved; run.toml keeps them.
 
     Args:
         seeds: What a run begins with.

@@ -16,7 +16,7 @@ NAME = "progress.jsonl"
 
 @dataclass(frozen=True)
 class Generation:
-    """What a generation, or an iteration of tuning, came to: a line of progress.jsonl.
+    """The results of a generation or of an iteration of tuning: a line of progress.jsonl.
 
     Attributes:
         stage: "evolution" or "tuning".
@@ -75,7 +75,7 @@ class Generation:
 
 @dataclass(frozen=True)
 class Result:
-    """What a run came to.
+    """The result of a run.
 
     Attributes:
         controller: The controller file it wrote.

@@ -63,7 +63,7 @@ def read_record(folder: Path) -> dict[str, Any]:
 
 
 def check_unchanged(path: Path, expected: str) -> None:
-    """Refuse a file that is not what it was when a run began.
+    """Refuse a file that has changed since a run began.
 
     Args:
         path: The file.

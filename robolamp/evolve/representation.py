@@ -1,4 +1,4 @@
-"""Representations: how a search writes its individuals down, and how it breeds them.
+"""Representations: how a search writes individuals, and how it breeds them.
 
 A genotype is what is bred and kept in checkpoints; what it expresses, its phenotype, is one expression a joint: what
 is tried, cached and inherited. For trees the two are the same.
@@ -21,7 +21,7 @@ G = TypeVar("G")
 
 @dataclass(frozen=True)
 class Plan:
-    """What will be bred, drawn before anybody is evaluated.
+    """What will be bred, drawn before any individual is evaluated.
 
     Attributes:
         parents: How many parents are to be selected.
@@ -38,7 +38,7 @@ class Plan:
 
 
 class Representation(Protocol[G]):
-    """What a run asks of a representation."""
+    """What a run needs of a representation."""
 
     def population(self, rng: np.random.Generator, count: int) -> list[G]:
         """Return a first generation.
@@ -63,7 +63,7 @@ class Representation(Protocol[G]):
         ...
 
     def plan(self, rng: np.random.Generator) -> Plan:
-        """Draw what makes the next generation, before anybody is evaluated.
+        """Draw what makes the next generation, before any individual is evaluated.
 
         Args:
             rng: Where randomness comes from.

@@ -147,7 +147,7 @@ def resume(
     progress: Callable[[Generation], None] = lambda _: None,
     warn: Callable[[str], None] = lambda _: None,
 ) -> Result:
-    """Go on with a run that was stopped, from its last checkpoint: bit for bit as if it had not been.
+    """Continue a stopped run from its last checkpoint: the result is, bit for bit, that of a run that was not stopped.
 
     Args:
         folder: The run's folder.
@@ -172,7 +172,7 @@ def open_run(
     progress: Callable[[Generation], None] = lambda _: None,
     warn: Callable[[str], None] = lambda _: None,
 ) -> Iterator[Run]:
-    """Open a run at its last checkpoint, and keep others from it; see `resume`."""
+    """Open a run at its last checkpoint, and lock it against other processes; see `resume`."""
     record = read_record(folder)
     if not (folder / CHECKPOINT).exists():
         raise FileError("was stopped before its first checkpoint; begin it again with -o", str(folder))
@@ -208,7 +208,7 @@ def _opened(
 
 
 class Run:
-    """A run that can go: its lamps built. For the arguments see `evolve`; `record` is what run.toml holds."""
+    """A run that is ready to go, its lamps built. For the arguments see `evolve`; `record` is what run.toml holds."""
 
     def __init__(
         self,
@@ -260,7 +260,7 @@ class Run:
         self._state.promise = [0.0] * len(population)
 
     def begin(self) -> None:
-        """Claim the folder for what was drawn."""
+        """Lock the folder and write what was drawn."""
         write_record({**self._record, "twin_sha256": self._twin}, self._folder)
         write_atomic(self._folder / TASK, self._task.source)
         write_progress((), self._folder)
@@ -311,7 +311,7 @@ class Run:
         return self._task.gp.generations, self._record["tuning"]
 
     def go(self) -> Result:
-        """Evolve, then tune, from wherever the run is; the champion so far is on disk after each generation."""
+        """Evolve, then tune, from where the run stands; after each generation the champion so far is on disk."""
         state = self._state
         while state.stage == "evolution":
             self._generation()

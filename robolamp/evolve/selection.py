@@ -36,7 +36,7 @@ def winner(fitness: NDArray[np.float64], drawn: NDArray[np.int64]) -> int:
 def proportionate(rng: np.random.Generator, fitness: NDArray[np.float64], count: int) -> NDArray[np.int64]:
     """Choose in proportion to normalized adjusted fitness, with replacement (Koza 1992, sections 6.3 and 6.4.1).
 
-    Adjusted fitness is 1 / (1 + standardized fitness). Where nobody has a finite fitness all are alike.
+    Adjusted fitness is 1 / (1 + standardized fitness). If no fitness is finite, all have the same chance.
 
     Args:
         rng: Where randomness comes from.

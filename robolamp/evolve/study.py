@@ -195,7 +195,7 @@ def chosen_points(study: Study, text: str) -> tuple[str, ...]:
 
 
 def settled(study: Study, name: str, assets: Assets, words: Sequence[str]) -> Point:
-    """Return a study's point as it will be run: what the study varies is the study's, the rest may be set otherwise.
+    """Return a study's point as it will be run: `--set` may change everything but what the study varies.
 
     Args:
         study: The study.
@@ -222,7 +222,7 @@ def settled(study: Study, name: str, assets: Assets, words: Sequence[str]) -> Po
 
 @dataclass(frozen=True)
 class Order:
-    """A run to be had.
+    """A run to be made.
 
     Attributes:
         point: Of which setting.

@@ -13,9 +13,6 @@ PAYLOAD = 11
 FRAME = 16
 """Bytes of a frame."""
 
-RATE = 500.0
-"""Frames a second [1/s]."""
-
 _BODY = struct.Struct("<BHIiB")  # length, sequence, time [us], force [mN], status
 _SATURATED, _DISCONNECTED = 0x01, 0x02
 

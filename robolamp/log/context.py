@@ -12,9 +12,6 @@ from importlib.metadata import PackageNotFoundError, version
 from robolamp.calibration import Calibration
 from robolamp.lamp import Lamp
 
-BACKENDS = ("twin", "emulator", "lamp")
-"""What a log may come from."""
-
 SERVO_SETTINGS = "servo_settings"
 """Where the context keeps what the servos were set to once torque was on; a log of 0.1.0 has none."""
 
@@ -47,7 +44,7 @@ def run_context(
     """Return the context of a run for `LogWriter`.
 
     Args:
-        backend: What is being driven, one of BACKENDS.
+        backend: What is being driven, "twin", "emulator" or "lamp".
         lamp: The lamp's description.
         calibration: The calibration in force.
         controller: The controller file's text.

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 STEP = 0.1
-"""Change of a log's time stamps against the run's own clock from which on somebody set the clock of the wall [s]: NTP
+"""Change of a log's time stamps against the run's own clock from which on somebody set the computer's clock [s]: NTP
 slews what is less than 0.128 s (ntpd(8), "step threshold") at 500 ppm at most, 0.01 ms a tick."""
 
 _TIMES = ("scheduled", "read_done", "write_done", "measured_at")  # of a tick, beside when it began
@@ -431,7 +431,7 @@ def _joints(context: dict[str, str], named: Sequence[str]) -> tuple[str, ...]:
 
 
 def _check_times(path: Path, ticks: dict[str, Any]) -> None:
-    """Refuse ticks whose own times are none, and two of one number: neither is put right by leaving some out."""
+    """Refuse ticks without a valid time, and two with one number: leaving some out would not make them right."""
     index, began = ticks["index"].astype(np.int64), ticks["began"].astype(np.float64)
     if began.size < 2:  # there is nothing that they could contradict
         return
@@ -529,7 +529,7 @@ class _Table:
 
 
 class _States:
-    """Rows of a JointState topic's columns, a value a joint: by their names, whatever order a message has them in."""
+    """Rows of a JointState topic's columns, one value for each joint, by name, in any order of the message."""
 
     def __init__(
         self, path: Path, topic: str, columns: dict[str, Any], rows: NDArray[np.int64], joints: Sequence[str]

@@ -1,4 +1,4 @@
-"""Makes a whole MCAP file of one that was cut off or damaged: every chunk that is still whole, wherever it lies."""
+"""Makes a whole MCAP file from one that was cut off or damaged: it keeps every undamaged chunk, wherever it lies."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from robolamp.log.stream import Contents, read_contents
 
 @dataclass(frozen=True)
 class Recovery:
-    """What came of it.
+    """The result of a recovery.
 
     Attributes:
         file: The file that was written.

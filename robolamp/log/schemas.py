@@ -80,10 +80,6 @@ bool fallen
 }
 """Message definitions by message type, as they are stored in the log."""
 
-GOALS_TOPIC = "/lamp/goals"
-MEASURED_TOPIC = "/lamp/measured"
-TICK_TOPIC = "/lamp/tick"
-EVENTS_TOPIC = "/lamp/events"
 TRUTH_JOINTS_TOPIC = "/truth/joints"
 TRUTH_BASE_TOPIC = "/truth/base"
 

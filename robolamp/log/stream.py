@@ -1,6 +1,6 @@
-"""Reads the records of an MCAP file as far as they are whole: after kill -9, and past damage where one asks for it.
+"""Reads the undamaged records of an MCAP file: after kill -9, and on request past damage.
 
-A few bytes can stand for gigabytes: a chunk is unpacked piece by piece, and no further than a log may be large.
+A few bytes can stand for gigabytes, so a chunk is unpacked piece by piece, up to the largest size of a log.
 """
 
 from __future__ import annotations
@@ -50,7 +50,6 @@ class Contents:
         data: Their bytes, by the channel's id.
         order: The channel of every message, in file order.
         kept: Memory that the messages take [bytes].
-        chunks: How many chunks were whole.
         truncated: Whether the file ends early or is damaged.
         damage: What is wrong with it, one line a place: where [byte] and what.
     """
@@ -64,7 +63,6 @@ class Contents:
     data: dict[int, list[bytes]] = field(default_factory=dict)
     order: list[int] = field(default_factory=list)
     kept: int = 0
-    chunks: int = 0
     truncated: bool = False
     damage: list[str] = field(default_factory=list)
 
@@ -216,7 +214,6 @@ def _chunk(data: bytes, contents: Contents) -> None:
         position = end
     contents.schemas |= schemas
     contents.channels |= channels
-    contents.chunks += 1
     for message in found:
         _keep(contents, *message)
 

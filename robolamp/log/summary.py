@@ -21,7 +21,7 @@ _GAP = 1.5  # control periods between two ticks that make a gap
 
 @dataclass
 class Summary:
-    """A log in a few numbers. Of a log without ticks (a truth log) what concerns ticks is 0, NaN or empty.
+    """A log in a few numbers. For a log without ticks (a truth log), values about ticks are 0, NaN or empty.
 
     Attributes:
         path: The log.
@@ -71,7 +71,7 @@ class Summary:
 
 
 def summarise(path: Path | str) -> Summary:
-    """Read a log of any kind: of a lamp, of a twin's replay, or the truth of an emulated lamp.
+    """Read a log of any kind: of a lamp, of a twin's replay, or a truth log.
 
     Raises:
         FileError: The file cannot be read, is not MCAP, or holds no message.

@@ -1,4 +1,4 @@
-"""A run as a table, a row a tick, and the table as a file: CSV, or Parquet with the extra `parquet`."""
+"""A run as a table with one row for each tick, and the table as a file: CSV, or Parquet with the extra `parquet`."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def columns_of(run: Run) -> dict[str, NDArray[Any]]:
 
 
 def check_format(out: Path | str) -> None:
-    """Refuse a file that a table cannot be written as, before the work of reading a log.
+    """Refuse a file name that no table can have, before the work of reading a log.
 
     Raises:
         FileError: The name ends otherwise than in .csv or .parquet, or the extra `parquet` is missing.

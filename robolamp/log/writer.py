@@ -1,4 +1,4 @@
-"""Writes a log while the lamp runs: the loop hands messages over, a thread encodes them and meets the disk."""
+"""Writes a log while the lamp runs: the loop hands messages to a thread, which encodes and writes them."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ class Chart:
 
 @dataclass(frozen=True)
 class Playback:
-    """All that the page shows. Times are from the begin of the log [s].
+    """All that the page shows. Times count from the beginning of the log [s].
 
     Attributes:
         title: Heading.

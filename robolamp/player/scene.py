@@ -1,4 +1,4 @@
-"""The twin as triangles: what the player draws, and where each part of it is at each moment."""
+"""The twin as triangles, as the player draws it, and the pose of each part at each moment."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Scene:
 
 
 def scene_of(twin: TwinModel) -> Scene:
-    """Return what there is to see of a lamp (and of a pole across its way); the floor is the player's own.
+    """Return the visible parts of a lamp (and of a limbo pole); the player draws the floor itself.
 
     Args:
         twin: The lamp.

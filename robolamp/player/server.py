@@ -1,4 +1,4 @@
-"""Serves the one page to browsers on this computer, and to nobody whom they carry it for."""
+"""Serves one page to browsers on this computer, and to no page of another origin in them."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class PageServer(http.server.ThreadingHTTPServer):
         self.hosts = {f"{name}:{self.server_port}" for name in names} | ({*names} if self.server_port == 80 else set())
 
     def handle_error(self, request: object, client_address: object) -> None:
-        """Say nothing of a client that went away: the terminal is the person's."""
+        """Print nothing about a client that went away: it would disturb the terminal."""
 
 
 class _Handler(http.server.BaseHTTPRequestHandler):
@@ -54,7 +54,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
     timeout = _IDLE
 
     def do_GET(self) -> None:
-        """Answer with the page, to whom it is for."""
+        """Answer with the page if the request comes from this computer's own page."""
         hosts, origins = self.headers.get_all("Host", []), self.headers.get_all("Origin", [])
         if len(hosts) != 1 or hosts[0].strip().lower() not in self.server.hosts:
             self._answer(403, f"This page is at {self.server.url} alone.\n")
@@ -68,13 +68,13 @@ class _Handler(http.server.BaseHTTPRequestHandler):
     do_HEAD = do_GET
 
     def refuse(self) -> None:
-        """Answer that this page is only looked at."""
+        """Answer that this page takes no such request."""
         self._answer(405, "This page is only to be looked at.\n")
 
     do_POST = do_PUT = do_DELETE = do_PATCH = do_OPTIONS = do_TRACE = do_CONNECT = refuse
 
     def log_message(self, format: str, *args: object) -> None:
-        """Say nothing: the terminal is the person's."""
+        """Print nothing: it would disturb the terminal."""
 
     def _answer(self, code: int, body: bytes | str) -> None:
         data = body.encode() if isinstance(body, str) else body

@@ -1,4 +1,4 @@
-"""Between joint angles and servo angles: sign, zero, and the turn's seam."""
+"""Converts between joint angles and servo angles: sign, zero, and the jump at a full turn."""
 
 from __future__ import annotations
 

@@ -281,7 +281,7 @@ class RobotLamp:
             self._foot.close()
 
     def _amiss(self, state: ServoState, present: NDArray[np.bool_]) -> list[str]:
-        """Return what is wrong with a reading of the servos."""
+        """Return faults in a reading of the servos."""
         if state.fine:
             self._unknown[:] = 0
             return []
@@ -297,7 +297,7 @@ class RobotLamp:
         return faults + [f"{self.joints[index]}: error byte {state.error[index]:#04x}" for index in alert]
 
     def _feel(self) -> list[str]:
-        """Take what the foot sensor has sent, and return what is wrong with it."""
+        """Read what the foot sensor has sent, and return its faults."""
         if self._foot is None:
             return []
         faults: list[str] = []
@@ -313,7 +313,7 @@ class RobotLamp:
         return faults
 
     def _damage(self) -> list[str]:
-        """Return what has gone wrong on the lines since the last call, though nothing may be missing for it."""
+        """Return faults on the lines since the last call, including those that cost no reading."""
         counts = (self._bus.stray, 0, 0, 0)
         if self._foot is not None:
             decoder = self._foot.decoder

@@ -45,7 +45,7 @@ WARM = 55.0
 """Temperature above which a servo is not started [degC]: 10 below the loop's limit, some minutes of hopping."""
 
 LOOKS = 5
-"""How often all servos are read at most until each has told its state: a noisy line loses an answer now and then."""
+"""How often all servos are read at most until each has sent its state: a noisy line loses an answer now and then."""
 
 SYSFS = Path("/sys/bus/usb-serial/devices")
 """Where Linux keeps the latency timers of USB serial adapters."""
@@ -75,7 +75,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Passed:
-    """A lamp that may be moved.
+    """The result of a preflight that found nothing wrong: the lamp may be moved.
 
     Attributes:
         servos: Its servos.
@@ -157,7 +157,7 @@ def read_table(bus: Bus, servo: int, model: Model) -> dict[Name, int]:
 
 
 def check_meaning(lamp: Lamp, bus: Bus, models: Sequence[Model]) -> None:
-    """Check the settings by which servo angles get their meaning, before zeros and signs are found.
+    """Check the settings that servo angles depend on, before zeros and signs are found.
 
     Raises:
         SafetyError: One is wrong: mended later, it would make zeros and signs wrong.
@@ -172,7 +172,7 @@ def check_meaning(lamp: Lamp, bus: Bus, models: Sequence[Model]) -> None:
 
 
 def _look(lamp: Lamp, bus: Bus, holding: bool) -> tuple[Roll, list[Finding]]:
-    """Call the roll and return everything that is wrong with servos and port; nothing is written."""
+    """Return everything that is wrong with servos and port; writes nothing."""
     roll = call_roll(lamp, bus)
     found = [Finding(text, answers=False) for text in roll.missing] + [Finding(text) for text in roll.wrong]
     found += _latency(bus)
@@ -284,7 +284,7 @@ def _level_zero(bus: Bus, joint: Joint) -> Finding:
 
 
 def _set_level(bus: Bus, servo: int, model: Model) -> None:
-    """Let a servo answer everything, and see that it does; it may not answer this."""
+    """Set a servo to answer everything, and check that it does; it may not answer this write."""
     level, right = model[Name.STATUS_RETURN_LEVEL], RULES[Name.STATUS_RETURN_LEVEL].value or 0
     bus.tell(servo, level, right)
     if bus.read(servo, level) != right:
@@ -301,7 +301,7 @@ def _wanted(joint: Joint, label: str) -> Iterator[Finding]:
 
 
 def notices(identities: Sequence[Identity], models: Sequence[Model], labels: Sequence[str]) -> list[str]:
-    """Return what is not wrong, but could be better: firmware that makes ticks slower.
+    """Return what could be better but is not wrong: firmware that makes ticks slower.
 
     Args:
         identities: What the servos answered to a ping.

@@ -1,4 +1,4 @@
-"""Who answers on the servo line: each joint's servo, alone with its id, of the right model; or else who."""
+"""Which servos answer on the line: whether each joint's servo does, alone with its id and of the right model."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RATES = (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000, 9600)
 NOBODY = 253
 """An id that no servo can have: what comes after a question to it was not asked for."""
 
-BABBLE = "bytes come that nobody asked for: is this the servos' port?"
+BABBLE = "bytes come without a question: is this the servos' port?"
 """What is said where that is so."""
 
 _NEW = 1  # id of a new servo
@@ -34,7 +34,7 @@ class Roll:
 
     Attributes:
         present: Of each joint whose servo is there, alone and of the right model, by index: what it answered.
-        missing: What is wrong where nobody answers, one text each.
+        missing: What is wrong with servos that do not answer, one text each.
         wrong: What is wrong with those who do.
         doubled: Whether several servos answer to one id: nothing must be written.
     """
@@ -46,7 +46,7 @@ class Roll:
 
 
 def call_roll(lamp: Lamp, bus: Bus) -> Roll:
-    """Ask for every servo of the lamp; nothing is written.
+    """Ping every servo of the lamp; writes nothing.
 
     Args:
         lamp: Its description.
@@ -86,7 +86,7 @@ def call_roll(lamp: Lamp, bus: Bus) -> Roll:
 
 
 def check_servos(lamp: Lamp, bus: Bus) -> tuple[list[Model], list[Identity]]:
-    """Call the roll, and refuse what is wrong.
+    """Call the roll, and raise an error if anything is wrong.
 
     Returns:
         Models and what they answered, in the order of the joints.
@@ -103,9 +103,9 @@ def check_servos(lamp: Lamp, bus: Bus) -> tuple[list[Model], list[Identity]]:
 
 
 def check_alone(bus: Bus, servo: int, model: Model) -> None:
-    """Refuse a second servo with an id that does not show, as it was told to answer no reads (Status Return Level 0).
+    """Refuse a hidden second servo with the same id, which is set to answer no reads (Status Return Level 0).
 
-    Both are told to answer everything, which the first does already: a servo that is alone stays as it is.
+    It sets both to answer everything, as the first does already: a servo that is alone does not change.
 
     Args:
         bus: The open bus.
@@ -124,7 +124,7 @@ def check_alone(bus: Bus, servo: int, model: Model) -> None:
 
 
 def said_of_doubles(label: str) -> str:
-    """Return what is said where several servos answer to one id."""
+    """Return the message for several servos with one id."""
     return (
         f"{label}: several servos answer to this id, and garble or double each other's answers; unplug all of them "
         "but one, and give it its own by `robolamp setup assign`"
@@ -165,6 +165,6 @@ def _hint(lamp: Lamp, joint: Joint, rates: Mapping[int, int], strangers: Sequenc
     if _NEW in rates:
         return f"a servo answers as id {_NEW} at {rates[_NEW]} baud, as new ones do; {assign}"
     return (
-        f"nobody answers at another rate either; check its supply, its cable and its id (as in {lamp.path.name}), and "
-        "that its Protocol Type(13) is 2 (DYNAMIXEL Wizard 2.0 writes it)"
+        f"no servo answers at another rate either; check its supply, its cable and its id (as in {lamp.path.name}), "
+        "and that its Protocol Type(13) is 2 (DYNAMIXEL Wizard 2.0 writes it)"
     )

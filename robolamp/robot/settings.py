@@ -1,4 +1,4 @@
-"""Every register of the servos that a client may write: what it must be for a run, and who sees to it.
+"""Every register of the servos that a client may write: its right value for a run, and how the driver treats it.
 
 One table. The preflight checks by it, what the driver writes at torque-on is held to it, docs/registers.md is made of
 it, and a test sets each register wrong on emulated servos of each model. E-manual: the pages in `Model.url`.
@@ -27,7 +27,7 @@ NO_SHADOW = 253
 
 
 class Seen(StrEnum):
-    """Who sees to a register."""
+    """How the driver treats a register."""
 
     WRITTEN = "written"
     CHECKED = "checked"
@@ -36,7 +36,7 @@ class Seen(StrEnum):
 
 @dataclass(frozen=True)
 class Rule:
-    """What becomes of a register.
+    """How the driver treats one register, and why.
 
     Attributes:
         seen: WRITTEN: the driver writes it before torque goes on; CHECKED: the preflight names it where it is wrong;

@@ -135,7 +135,7 @@ def assign(port: str | Port, clock: Clock, found: Found, id: int, baud: int, oth
 
 
 def check_strangers(port: str | Port, clock: Clock, lamp: Lamp) -> None:
-    """Refuse servos on the line that are no joint's and would obey what is written to one.
+    """Refuse servos on the line that belong to no joint but would obey writes to a joint's servo.
 
     Args:
         port: The servo port.
@@ -242,7 +242,7 @@ def foot_mean(foot: FootSensor, clock: Clock, seconds: float) -> float:
 
 
 def check_tare(tare: float, lamp: Lamp) -> None:
-    """Refuse a tare that has the weight of a lamp in it.
+    """Refuse a tare that includes the weight of the lamp.
 
     A sensor drifts by less than what counts as ground contact, or no lamp could use it; a standing lamp weighs more.
 
@@ -264,7 +264,7 @@ def check_tare(tare: float, lamp: Lamp) -> None:
 
 
 def check_stands(force: float, tare: float, lamp: Lamp) -> None:
-    """Refuse a tare above which the standing lamp does not show.
+    """Refuse a tare if the standing lamp weighs no more than it.
 
     Args:
         force: What the sensor shows with the lamp on its foot [N].
@@ -314,7 +314,7 @@ def edit_lamp(path: Path, change: Callable[[Any], None]) -> None:
 
 
 def set_joint(document: Any, index: int, **values: float | str) -> None:
-    """Set keys of a joint in a parsed lamp.toml, each where it stands; an empty text takes its key away.
+    """Set keys of a joint in a parsed lamp.toml, each in its place; an empty text removes its key.
 
     Args:
         document: The document, as `edit_lamp` hands it out.

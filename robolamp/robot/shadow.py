@@ -1,4 +1,4 @@
-"""A lamp that is read and never moved: what would have been commanded?"""
+"""A lamp that is read and never moved, to show what a controller would command."""
 
 from __future__ import annotations
 

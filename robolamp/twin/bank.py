@@ -56,14 +56,12 @@ class Record:
         angle: Joint angles as their servos would report them, not quantised, shape (M, members, n) [rad].
         current: Currents drawn from the supply, shape (M, members, n) [A].
         force: Readings of the foot sensor, shape (M, members) [N].
-        base_x: Base centre along the floor, from where it stood, shape (M, members) [m].
     """
 
     time: Array
     angle: Array
     current: Array
     force: Array
-    base_x: Array
 
 
 @dataclass(frozen=True)
@@ -114,7 +112,7 @@ def play_bank(members: Sequence[Member], score: Score, workers: int | None = Non
     order = np.argsort(np.concatenate(shares))
     joined = {
         name: np.concatenate([getattr(part, name) for part in parts], axis=1)[:, order]
-        for name in ("angle", "current", "force", "base_x")
+        for name in ("angle", "current", "force")
     }
     return Record(time=parts[0].time, **joined)
 
@@ -168,7 +166,6 @@ class _Share:
         twin = members[0].twin
         lanes, n = len(members), len(twin.qpos)
         self._twin, self._score, self._lanes = twin, score, np.arange(lanes)
-        self._members = members
         self._batch = Batch(twin.model, lanes, 1)
         for name, values in differing.items():
             self._batch.expand(name)[:] = values
@@ -210,7 +207,7 @@ class _Share:
         voltage, drawn = self._full.copy(), np.zeros(len(lanes))
         n = len(twin.qpos)
         angle, current = np.empty((steps, len(lanes), n)), np.empty((steps, len(lanes), n))
-        force, base_x = np.empty((steps, len(lanes))), np.empty((steps, len(lanes)))
+        force = np.empty((steps, len(lanes)))
         batch.forward()
         for step in range(-settle, steps):
             if step >= 0:
@@ -220,7 +217,6 @@ class _Share:
                 angle[step] = motors.angle - self._zero
                 current[step] = duty * winding
                 force[step] = sensors[:, twin.foot_sensor]
-                base_x[step] = qpos[:, 0]
                 drawn = np.abs(current[step]).sum(axis=1)
             for lane, member in self._sagging:
                 since = score.begin + step * dt - score.powered
@@ -239,5 +235,4 @@ class _Share:
             angle=angle,
             current=current,
             force=force * self._gain,
-            base_x=base_x - base_x[0],
         )

@@ -181,7 +181,7 @@ def bad_inputs() -> list:
             ("hop --pole low", {}, "--pole: 'low' is not a length above 0.02 m and up to 1 m"),
             ("hop --pole 1cm", {}, "--pole: '1cm' is not a length above 0.02 m and up to 1 m"),
             ("hop --pole 0.2 --pole-at 9cm", {}, "--pole-at: '9cm' is not a length above 0.1 m and up to 5 m"),
-            ("hop --pole-at 0.3", {}, "--pole-at: is where a pole is; give its height by --pole, too"),
+            ("hop --pole-at 0.3", {}, "--pole-at: says where a pole is; give its height with --pole, too"),
             ("hop --goal-time 0", {}, "Must be a number from 0.1 to 600 (seconds)."),
             ("hop --goal-time nan", {}, "Must be a number from 0.1 to 600 (seconds)."),
             (

@@ -157,7 +157,7 @@ def test_zero_wants_torque_off_and_an_answer(
 ) -> None:
     words = ("setup", "zero", "--port", line.name, "--lamp", own, "--json")
     monkeypatch.setattr("sys.stdin", io.StringIO())
-    assert "nobody answers here" in json.loads(call(capsys, *words)[1])["error"]
+    assert "ended without an answer" in json.loads(call(capsys, *words)[1])["error"]
     assert "--keep-signs" in json.loads(call(capsys, *words, "--yes")[1])["error"]
     line.servos[1][Name.TORQUE_ENABLE] = 1
     assert "torque is on" in json.loads(call(capsys, *words, "--yes", "--keep-signs")[1])["error"]

@@ -174,7 +174,7 @@ def test_force_asks_before_it_ends_another_program(
         code, out, _ = call(capsys, "stop", "--force", "--port", line.name, "--json")
         assert (code, json.loads(out)["where"]) == (2, line.name)
         assert f"process {process.pid} (" in json.loads(out)["error"]
-        assert "is not robolamp, and nobody can be asked here; --yes ends it" in json.loads(out)["error"]
+        assert "is not robolamp, and there is no terminal to ask at; --yes ends it" in json.loads(out)["error"]
         assert (process.poll(), torques(line)) == (None, [1, 1, 1])
         code, out, _ = call(capsys, "stop", "--force", "--yes", "--port", line.name, "--json")
         assert process.wait(timeout=10) == (-signal.SIGKILL if "deaf" in how else -signal.SIGTERM)

@@ -91,7 +91,7 @@ def test_no_cause_where_the_controller_drove_for_too_little(weak, ticks):
     assert np.isnan(account.unexplained)
     assert account.left == (
         f"What explains the difference is not known: the controller drove for {ticks * 0.02:.2f} s; "
-        f"to tell a cause takes {DRIVEN:g} s."
+        f"finding a cause takes {DRIVEN:g} s."
     )
 
 
@@ -204,7 +204,7 @@ def test_a_servo_set_otherwise_comes_before_its_motor(name, tmp_path):
     assert servo_settings(run.context)["knee"][name] == ODD[name]
     found = diagnose(run, Account(), (), CALIBRATION, LAMP)
     right = 885 if name == Name.PWM_LIMIT else 0
-    assert found[0].cause == f"the knee's servo is set otherwise: {name} {ODD[name]}, not {right}"
+    assert found[0].cause == f"the knee's servo has other settings: {name} {ODD[name]}, not {right}"
 
 
 @pytest.mark.parametrize("text", [None, "", "{", "[]", '{"knee": 3}', '{"knee": {"Position I Gain": "x"}}'])
@@ -213,7 +213,7 @@ def test_a_log_that_does_not_say_how_servos_were_set_says_nothing_of_it(weak, te
     if text is not None:
         run.context[SERVO_SETTINGS] = text
     assert servo_settings(run.context) == {}
-    assert not any("set otherwise" in each.cause for each in diagnose(run, Account(), (), CALIBRATION, LAMP))
+    assert not any("other settings" in each.cause for each in diagnose(run, Account(), (), CALIBRATION, LAMP))
 
 
 @pytest.mark.parametrize("known", [0, 3, 40, 74])

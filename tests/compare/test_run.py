@@ -45,13 +45,13 @@ def test_the_twin_itself_is_inside_with_nothing_to_tell(tmp_path):
         assert abs(joint.lag) < 0.0005
         assert joint.after.mae < 0.001  # the encoder's steps alone are 0.4 mrad
         assert joint.samples == joint.of == RUN
-    assert abs(result.lamp_travel - result.twin_travel) < 0.001
+    assert abs(result.lamp.travel - result.other.travel) < 0.001
     assert result.diagnosis == ()
 
 
 def test_goals_that_leave_late_are_told_and_are_no_lag(tmp_path):
     result = compare(tmp_path, send=SEND + 0.006)
-    assert [finding.cause for finding in result.diagnosis] == ["the goals leave later than the twin was evolved with"]
+    assert [finding.cause for finding in result.diagnosis] == ["goal angles are sent later than the calibration says"]
     assert all(abs(joint.lag) < 0.0005 for joint in result.joints)
 
 
@@ -74,7 +74,7 @@ def test_a_slower_servo_shows_as_that_lag(tmp_path, delay):
     first = result.diagnosis[0]
     assert first.knob == "delay"
     assert first.size == pytest.approx(delay, abs=0.001)
-    assert first.cause == f"goals take effect {first.size * 1e3:.1f} ms later than modelled"
+    assert first.cause == f"goal angles take effect {first.size * 1e3:.1f} ms later than modelled"
 
 
 def test_a_weak_knee_is_named_with_its_size_and_its_remedy(tmp_path):
@@ -125,7 +125,7 @@ def test_without_truth_the_lamps_travel_is_unknown(tmp_path):
     result = compare_log(log, assets=ASSETS, calibration=CALIBRATION, out=tmp_path / "report.html", diagnosis=False)
     assert result.verdict == result.task.word == "cannot say"
     assert result.judged.why == ("travel unknown: nothing measured how far the lamp came",)
-    assert np.isnan(result.lamp_travel)
+    assert np.isnan(result.lamp.travel)
     assert json.loads(json.dumps(jsonable(result.as_dict()), allow_nan=False))["travel_m"] is None
 
 
@@ -267,8 +267,8 @@ def test_tolerances_decide(tmp_path):
         tolerances=load_tolerances(ASSETS, strict),
     )
     assert result.verdict == "outside"
-    assert len(result.exceeded) == 3
-    assert result.exceeded[0].startswith("ankle: MAE 0.")
+    assert len(result.judged.exceeded) == 3
+    assert result.judged.exceeded[0].startswith("ankle: MAE 0.")
 
 
 @pytest.mark.parametrize(

@@ -131,7 +131,7 @@ def test_dry_run_tells_the_three_parts_first_on_screen_in_json_and_on_the_page(t
         main([*words, "-o", str(tmp_path / "a")])
     told = capsys.readouterr().out.splitlines()[1:]
     assert told[0].startswith("Not done. Landed at ")
-    assert told[1].startswith("Twin, replaying the goals that the lamp was sent: outside tolerances.")
+    assert told[1].startswith("Twin, replaying the goal angles that the lamp was sent: outside tolerances.")
     assert "allowed: 5.0 cm apart" in told[1]  # or it reads as if two lengths were alike
     assert told[2].startswith("Controller alone on the twin: done. Lands at ")
     assert told[3].startswith("What is different, likeliest: ")

@@ -11,7 +11,12 @@ import pytest
 from .readme import FOLDERS, ROOT, files, table, text
 
 READMES = sorted(str(path.relative_to(ROOT)) for folder in FOLDERS for path in (ROOT / folder).rglob("README.md"))
-PAGES = [*READMES, "CONTRIBUTING.md"]
+PAGES = [
+    *READMES,
+    "README.md",
+    "CONTRIBUTING.md",
+    *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")),
+]
 
 
 @pytest.mark.parametrize("path", [path for path in files() if path.name != "README.md"], ids=str)
@@ -30,7 +35,7 @@ def test_every_script_has_a_row_in_its_readme() -> None:
 
 @pytest.mark.parametrize("page", PAGES)
 def test_links_lead_somewhere(page: str) -> None:
-    links = re.findall(r"\]\(([^)\s]+)\)", text(page))
+    links = re.findall(r"\]\((?!https://)([^)\s]+)\)", text(page))
     for link in links:
         target, _, anchor = link.partition("#")
         path = (ROOT / page).parent / target if target else ROOT / page

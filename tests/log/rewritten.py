@@ -12,8 +12,6 @@ from mcap.writer import Writer
 from robolamp.log.cdr import Encoder, decode
 from robolamp.log.schemas import DEFINITIONS, JOINT_STATE
 
-Names = list[str]
-
 
 def rewritten(
     source: Path,
