@@ -17,10 +17,9 @@ from robolamp.evolve.task import Task
 from robolamp.evolve.tree import Genome
 from robolamp.figure import Figure
 from robolamp.twin.fleet import Job
-from robolamp.twin.judge import Outcome
+from robolamp.twin.outcome import RunOutcome
 from robolamp.twin.poses import KeyPose
 from robolamp.twin.trace import Trace
-from robolamp.twin.verdict import FigureOutcome
 
 _LANES_AT_ONCE = 6000  # about 67 MB of simulation state
 _TRACE_AT_ONCE = 250e6  # bytes of what controllers saw and sent
@@ -44,7 +43,7 @@ class Evaluator(Protocol):
         *,
         poses: Sequence[KeyPose] = (),
         record: bool = False,
-    ) -> Outcome | FigureOutcome:
+    ) -> RunOutcome:
         """Run every job to its end; see `robolamp.twin.fleet.Fleet.run`."""
         ...
 
