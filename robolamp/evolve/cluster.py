@@ -37,7 +37,6 @@ from robolamp.evolve.machine import machine
 from robolamp.twin.figure import Twin
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.outcome import RunOutcome
-from robolamp.twin.trace import Trace
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -242,9 +241,7 @@ class Cluster:
             ]
             results = self._gathered(chunks)
         self.steps += sum(steps for _, steps in results)
-        outcomes = [outcome for outcome, _ in results]
-        traces = [outcome.trace for outcome in outcomes if outcome.trace is not None]
-        return RunOutcome.join(outcomes, trace=Trace.join(traces) if traces else None)
+        return RunOutcome.join([outcome for outcome, _ in results])
 
     def _threads(self) -> int:
         return sum(self._client.nthreads().values())

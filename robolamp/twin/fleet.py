@@ -25,6 +25,8 @@ from robolamp.twin.poses import KeyPose
 from robolamp.twin.runs import Job, Runs, Trial
 from robolamp.twin.trace import Trace
 
+_LANES_AT_ONCE = 6000  # about 67 MB of simulation state
+
 
 class Fleet:
     """Many lamps, or figures, that can be run again and again.
@@ -87,16 +89,16 @@ class Fleet:
         if record:
             ticks, joints = round(duration / self.period), len(self._driven.joints)
             trace = Trace.blank(len(jobs), ticks, len(compiled.terminals), joints)
+        outcomes, count = [], len(jobs)
+        for first in range(0, count, _LANES_AT_ONCE):
+            part = jobs[first : first + _LANES_AT_ONCE]
+            own = None if trace is None else trace.take(slice(first, first + len(part)))  # a view, to be written to
 
-        def work(share: slice) -> tuple[RunOutcome, int]:
-            runs = self._runs(jobs[share], trial)
-            own = None if trace is None else trace.take(share)  # a view: each worker writes its part
-            program = np.array([job.program for job in jobs[share]], np.int64)
-            return self._control(runs, compiled, program, trial, own, done), runs.lanes.steps
+            def done_here(share: float, before: int = first, lanes: int = len(part)) -> None:
+                done((before + share * lanes) / count)
 
-        results, order = deal(len(jobs), self._workers, work)
-        self.steps += sum(steps for _, steps in results)
-        return RunOutcome.join([outcome for outcome, _ in results], order, trace)
+            outcomes.append(self._together(compiled, part, trial, own, done_here))
+        return RunOutcome.join(outcomes, trace=trace)
 
     def play(self, job: Job, goals: NDArray[np.float64], ticks: int) -> NDArray[np.float64]:
         """Return the positions of a lane that is sent goals: to the bit those of the run that they are from.
@@ -121,6 +123,26 @@ class Fleet:
 
     def _runs(self, jobs: Sequence[Job], trial: Trial) -> Runs:
         return self._kind(self.twins, self._variants, self._states, jobs, trial)
+
+    def _together(
+        self,
+        programs: ProgramSet,
+        jobs: Sequence[Job],
+        trial: Trial,
+        trace: Trace | None,
+        done: Callable[[float], None],
+    ) -> RunOutcome:
+        """Run jobs at once."""
+
+        def work(share: slice) -> tuple[RunOutcome, int]:
+            runs = self._runs(jobs[share], trial)
+            program = np.array([job.program for job in jobs[share]], np.int64)
+            own = None if trace is None else trace.take(share)
+            return self._control(runs, programs, program, trial, own, done), runs.lanes.steps
+
+        results, order = deal(len(jobs), self._workers, work)
+        self.steps += sum(steps for _, steps in results)
+        return RunOutcome.join([outcome for outcome, _ in results], order)
 
     def _control(
         self,

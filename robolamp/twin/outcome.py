@@ -52,9 +52,12 @@ class RunOutcome:
         Args:
             outcomes: What to join.
             order: Which lanes of the whole, in which order.
-            trace: Theirs, where it was recorded.
+            trace: Theirs; None: those of the outcomes, joined, if all have one.
         """
         kind: Any = type(outcomes[0])
         names = [item.name for item in fields(kind) if item.name != "trace"]
         arrays = {name: np.concatenate([getattr(each, name) for each in outcomes])[order] for name in names}
+        traces = [each.trace for each in outcomes if each.trace is not None]
+        if trace is None and len(traces) == len(outcomes):
+            trace = Trace.join(traces).take(order)
         return kind(**arrays, trace=trace)
