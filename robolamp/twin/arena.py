@@ -126,7 +126,7 @@ class FigureRuns(Runs):
         super().__init__(lanes, trial, twin.timestep)
         self.unseen = [int(twin.model.joint(f"drive_{name}").qposadr[0]) for name in twin.figure.names]
         self._sources = terminal_sources(twin, trial.terminals)
-        self._inputs = np.zeros((lanes.count, len(trial.terminals)))
+        self.inputs = np.zeros((lanes.count, len(trial.terminals)))
         self._goals = np.zeros((lanes.count, len(twin.qpos)))
         self._ctrl = lanes.batch.bind("ctrl")
         self._how = twin.actuator, twin.qpos, twin.figure.speed, twin.figure.drive == "position"
@@ -138,13 +138,12 @@ class FigureRuns(Runs):
         """Return the state that a run starts from, shape (nstate,)."""
         return twin.state
 
-    def sense(self, time: float) -> NDArray[np.float64]:
-        """Return what the controllers read now."""
+    def sense(self, time: float) -> None:
+        """Write what the controllers read now."""
         _sense(
-            self._inputs, self._sources, self.lanes.qpos, self.lanes.sensors, self._point, self._verdict.where,
+            self.inputs, self._sources, self.lanes.qpos, self.lanes.sensors, self._point, self._verdict.where,
             self._twin.ahead, time,
         )  # fmt: skip
-        return self._inputs
 
     def _send(self, goals: NDArray[np.float64]) -> None:
         self._goals = goals

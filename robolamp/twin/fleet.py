@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.controller.kernels import bound_lanes, run_lanes
+from robolamp.controller.kernels import command_lanes
 from robolamp.controller.program import Program, ProgramSet
 from robolamp.errors import RobolampError
 from robolamp.figure import Driven
@@ -158,15 +158,14 @@ class Fleet:
         lower, upper, step = driven.lower, driven.upper, driven.slew * period
         wanted, sent = np.zeros((lanes, len(lower))), np.zeros((lanes, len(lower)))
         interventions, alive = np.zeros(lanes, np.int64), np.arange(lanes)
+        run = programs.arguments(program, runs.inputs, wanted)
+        bound = wanted, sent, lower, upper, step, interventions
         for tick in range(round(trial.duration / period)):
             done(tick * period / trial.duration)
-            inputs = runs.sense(tick * period)
-            asked, goals, changed = wanted[: len(alive)], sent[alive], interventions[alive]
-            run_lanes(*programs.arguments(program[alive], inputs[alive], asked))
-            bound_lanes(asked, goals, lower, upper, step, changed)
-            sent[alive], interventions[alive] = goals, changed
+            runs.sense(tick * period)
+            command_lanes(alive, run, bound)
             if trace is not None:
-                trace.record(alive, inputs, sent)
+                trace.record(alive, runs.inputs, sent)
             runs.advance(sent, alive)
             alive = runs.survivors(tick * period)
             if not len(alive):

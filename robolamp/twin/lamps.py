@@ -119,6 +119,7 @@ class LampRuns(Runs):
         self._goal = np.array([job.goal for job in jobs], np.float64)
         self._goal_time = np.array([job.goal_time for job in jobs], np.float64)
         self._signals = Signals(lanes.count, joints, SignalLimits.of(twin.lamp, trial.period), trial.terminals)
+        self.inputs = self._signals.values
         self._sees_base = bool(set(trial.terminals) & set(TWIN_ONLY))
         self._foot_gain = np.array([each.foot_gain for each in twins])[variant]
         # Goals under way on the line, the newest first: a delay may be longer than a control period.
@@ -137,14 +138,14 @@ class LampRuns(Runs):
         """Return the state that a run starts from, shape (nstate,)."""
         return settle(twin)
 
-    def sense(self, time: float) -> Array:
-        """Return what the controllers read now; their clock counts the calls."""
+    def sense(self, time: float) -> None:
+        """Write what the controllers read now; their clock counts the calls."""
         lanes, base = self.lanes, None
         if self._sees_base:
             base = np.column_stack([lanes.qpos[:, :3], lanes.qvel[:, :3], self._judged.goal_met])
             base[:, 0] -= self._goal
         angle, pressed = measure_angle(lanes.motors.angle), measure_force(lanes.force, self._foot_gain)
-        return self._signals.update(angle, pressed, self._goal, base, goal_time=self._goal_time)
+        self._signals.update(angle, pressed, self._goal, base, goal_time=self._goal_time)
 
     def _send(self, goals: Array) -> None:
         self._line[1:] = self._line[:-1].copy()

@@ -76,6 +76,7 @@ class Lanes:
         qpos: Positions, shape (k, nq); written to.
         qvel: Velocities, shape (k, nv); written to.
         sensors: `sensordata`, shape (k, nsensordata).
+        count: Number of lanes, k.
         steps: Physics steps taken so far, of all lanes together.
     """
 
@@ -90,13 +91,8 @@ class Lanes:
         if states is not None:
             self.batch.state[:] = states
         self.qpos, self.qvel, self.sensors = (self.batch.bind(name) for name in ("qpos", "qvel", "sensordata"))
-        self.steps = 0
+        self.count, self.steps = len(self.variant), 0
         self.forgive()
-
-    @property
-    def count(self) -> int:
-        """Number of lanes, k."""
-        return len(self.variant)
 
     def step(self, lanes: NDArray[np.int64]) -> None:
         """Take a physics step.
@@ -104,7 +100,7 @@ class Lanes:
         Args:
             lanes: Which lanes.
         """
-        self.batch.step(lanes, 1)
+        self.batch.step(lanes if len(lanes) < self.count else None, 1)
         self.steps += len(lanes)
 
     def forgive(self) -> None:

@@ -64,9 +64,11 @@ class Runs(ABC):
 
     Attributes:
         lanes: The lanes.
+        inputs: What the controllers read, shape (k, terminals) in the programs' order.
         unstable: Which of them diverged, shape (k,).
     """
 
+    inputs: Array
     unseen: Sequence[int] = ()
     """Addresses in `qpos` of what turns without being seen."""
 
@@ -78,8 +80,8 @@ class Runs(ABC):
         lanes.batch.forward()
 
     @abstractmethod
-    def sense(self, time: float) -> Array:
-        """Return what the controllers read now, shape (k, terminals) in the programs' order.
+    def sense(self, time: float) -> None:
+        """Write what the controllers read now into `inputs`.
 
         Args:
             time: Since the runs began [s].
