@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from robolamp.jit import njit
 from robolamp.twin.figure import FigureTwin
 from robolamp.twin.lanes import Lanes, Variants
-from robolamp.twin.runs import Job, Runs, Trial
+from robolamp.twin.runs import Job, Runs, RunSettings
 from robolamp.twin.verdict import FigureOutcome, Verdict, way_to_goal
 
 _POSITION_TIME = 0.05  # a figure driven by position asks its motors for error / this [s]: five of the paper's steps
@@ -103,7 +103,7 @@ class FigureRuns(Runs):
         variants: Their models.
         states: Where each figure starts, shape (figures, nstate).
         jobs: The lanes.
-        trial: What they have in common.
+        settings: What they have in common.
     """
 
     def __init__(
@@ -112,9 +112,9 @@ class FigureRuns(Runs):
         variants: Variants,
         states: NDArray[np.float64],
         jobs: Sequence[Job],
-        trial: Trial,
+        settings: RunSettings,
     ) -> None:
-        if trial.poses:
+        if settings.poses:
             raise ValueError("figures other than the lamp have no key poses")
         self._twin = twin = twins[0]
         goal, direction = np.array([[job.goal, job.direction] for job in jobs]).T
@@ -123,14 +123,14 @@ class FigureRuns(Runs):
         lanes = Lanes(variants, variant, states[variant])
         if twin.goal is not None:
             lanes.qpos[:, twin.goal : twin.goal + 2] = self._point
-        super().__init__(lanes, trial, twin.timestep)
+        super().__init__(lanes, settings, twin.timestep)
         self.unseen = [int(twin.model.joint(f"drive_{name}").qposadr[0]) for name in twin.figure.names]
-        self._sources = terminal_sources(twin, trial.terminals)
-        self.inputs = np.zeros((lanes.count, len(trial.terminals)))
+        self._sources = terminal_sources(twin, settings.terminals)
+        self.inputs = np.zeros((lanes.count, len(settings.terminals)))
         self._goals = np.zeros((lanes.count, len(twin.qpos)))
         self._ctrl = lanes.batch.bind("ctrl")
         self._how = twin.actuator, twin.qpos, twin.figure.speed, twin.figure.drive == "position"
-        self._verdict = Verdict(twin, self._point, trial.duration)
+        self._verdict = Verdict(twin, self._point, settings.duration)
         self._verdict.begin(lanes.sensors)
 
     @staticmethod

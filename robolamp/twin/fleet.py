@@ -22,7 +22,7 @@ from robolamp.twin.lamps import LampRuns
 from robolamp.twin.lanes import Variants, deal
 from robolamp.twin.outcome import RunOutcome
 from robolamp.twin.poses import KeyPose
-from robolamp.twin.runs import Job, Runs, Trial
+from robolamp.twin.runs import Job, Runs, RunSettings
 from robolamp.twin.trace import Trace
 
 _LANES_AT_ONCE = 6000  # about 67 MB of simulation state
@@ -84,7 +84,7 @@ class Fleet:
         if not jobs:
             raise ValueError("no jobs to run")
         compiled = ProgramSet(programs)
-        trial = Trial(compiled.terminals, self.period, duration, poses)
+        settings = RunSettings(compiled.terminals, self.period, duration, poses)
         trace = None
         if record:
             ticks, joints = round(duration / self.period), len(self._driven.joints)
@@ -97,7 +97,7 @@ class Fleet:
             def done_here(share: float, before: int = first, lanes: int = len(part)) -> None:
                 done((before + share * lanes) / count)
 
-            outcomes.append(self._together(compiled, part, trial, own, done_here))
+            outcomes.append(self._together(compiled, part, settings, own, done_here))
         return RunOutcome.join(outcomes, trace=trace)
 
     def play(self, job: Job, goals: NDArray[np.float64], ticks: int) -> NDArray[np.float64]:
@@ -112,7 +112,7 @@ class Fleet:
             MuJoCo positions at the start of each tick and at the end, shape (ticks + 1, nq); 0 for what turns without
             being seen.
         """
-        runs = self._runs([job], Trial((), self.period, ticks * self.period))
+        runs = self._runs([job], RunSettings((), self.period, ticks * self.period))
         lane, qpos = np.zeros(1, np.int64), [runs.lanes.qpos[0].copy()]
         for tick in range(ticks):
             runs.advance(goals[None, min(tick, len(goals) - 1)], lane)
@@ -121,24 +121,24 @@ class Fleet:
         shown[:, runs.unseen] = 0.0
         return shown
 
-    def _runs(self, jobs: Sequence[Job], trial: Trial) -> Runs:
-        return self._kind(self.twins, self._variants, self._states, jobs, trial)
+    def _runs(self, jobs: Sequence[Job], settings: RunSettings) -> Runs:
+        return self._kind(self.twins, self._variants, self._states, jobs, settings)
 
     def _together(
         self,
         programs: ProgramSet,
         jobs: Sequence[Job],
-        trial: Trial,
+        settings: RunSettings,
         trace: Trace | None,
         done: Callable[[float], None],
     ) -> RunOutcome:
         """Run jobs at once."""
 
         def work(share: slice) -> tuple[RunOutcome, int]:
-            runs = self._runs(jobs[share], trial)
+            runs = self._runs(jobs[share], settings)
             program = np.array([job.program for job in jobs[share]], np.int64)
             own = None if trace is None else trace.take(share)
-            return self._control(runs, programs, program, trial, own, done), runs.lanes.steps
+            return self._control(runs, programs, program, settings, own, done), runs.lanes.steps
 
         results, order = deal(len(jobs), self._workers, work)
         self.steps += sum(steps for _, steps in results)
@@ -149,19 +149,19 @@ class Fleet:
         runs: Runs,
         programs: ProgramSet,
         program: NDArray[np.int64],
-        trial: Trial,
+        settings: RunSettings,
         trace: Trace | None,
         done: Callable[[float], None],
     ) -> RunOutcome:
         """Let programs drive lanes; the outcome leaves the trace to the caller, whose it is."""
-        driven, period, lanes = self._driven, trial.period, len(program)
+        driven, period, lanes = self._driven, settings.period, len(program)
         lower, upper, step = driven.lower, driven.upper, driven.slew * period
         wanted, sent = np.zeros((lanes, len(lower))), np.zeros((lanes, len(lower)))
         interventions, alive = np.zeros(lanes, np.int64), np.arange(lanes)
         run = programs.arguments(program, runs.inputs, wanted)
         bound = wanted, sent, lower, upper, step, interventions
-        for tick in range(round(trial.duration / period)):
-            done(tick * period / trial.duration)
+        for tick in range(round(settings.duration / period)):
+            done(tick * period / settings.duration)
             runs.sense(tick * period)
             command_lanes(alive, run, bound)
             if trace is not None:

@@ -17,7 +17,7 @@ from robolamp.twin.lanes import Lanes, Variants, state_of
 from robolamp.twin.model import TwinModel
 from robolamp.twin.motors import Motors, Views
 from robolamp.twin.poses import PoseErrors
-from robolamp.twin.runs import Job, Runs, Trial
+from robolamp.twin.runs import Job, Runs, RunSettings
 from robolamp.twin.sensors import measure_angle, measure_force
 
 Array = NDArray[np.float64]
@@ -105,30 +105,30 @@ class LampRuns(Runs):
         variants: Their models.
         states: Where each lamp starts, shape (lamps, nstate).
         jobs: The lanes.
-        trial: What they have in common.
+        settings: What they have in common.
     """
 
     lanes: Lamps
 
     def __init__(
-        self, twins: Sequence[TwinModel], variants: Variants, states: Array, jobs: Sequence[Job], trial: Trial
+        self, twins: Sequence[TwinModel], variants: Variants, states: Array, jobs: Sequence[Job], settings: RunSettings
     ) -> None:
         twin, variant = twins[0], np.array([job.variant for job in jobs], np.int64)
-        super().__init__(Lamps(twins, variant, variants, states[variant]), trial, twin.timestep)
+        super().__init__(Lamps(twins, variant, variants, states[variant]), settings, twin.timestep)
         lanes, joints = self.lanes, len(twin.lamp.joints)
         self._goal = np.array([job.goal for job in jobs], np.float64)
         self._goal_time = np.array([job.goal_time for job in jobs], np.float64)
-        self._signals = Signals(lanes.count, joints, SignalLimits.of(twin.lamp, trial.period), trial.terminals)
+        self._signals = Signals(lanes.count, joints, SignalLimits.of(twin.lamp, settings.period), settings.terminals)
         self.inputs = self._signals.values
-        self._sees_base = bool(set(trial.terminals) & set(TWIN_ONLY))
+        self._sees_base = bool(set(settings.terminals) & set(TWIN_ONLY))
         self._foot_gain = np.array([each.foot_gain for each in twins])[variant]
         # Goals under way on the line, the newest first: a delay may be longer than a control period.
         self._arrival = np.array([round(each.line_delay / twin.timestep) for each in twins])[variant]
         self._line = np.zeros((1 + math.ceil(self._arrival.max() / self._substeps), lanes.count, joints))
         self._arriving = set((self._arrival % self._substeps).tolist())
-        self._judged = Judge(twin, self._goal, trial.duration)
+        self._judged = Judge(twin, self._goal, settings.duration)
         self._judged.begin(lanes.qpos[:, 0])
-        self._poses, self._steps = PoseErrors(trial.poses, lanes.count, twin.timestep), 0
+        self._poses, self._steps = PoseErrors(settings.poses, lanes.count, twin.timestep), 0
         site, axes = lanes.batch.bind("site_xpos"), lanes.batch.bind("site_xmat").reshape(lanes.count, -1, 9)
         self._head, self._axis = site[:, twin.head_site, 2], axes[:, twin.head_site, 8]
         self._pole = None if twin.pole_sensor is None else lanes.sensors[:, twin.pole_sensor]

@@ -36,7 +36,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Trial:
+class RunSettings:
     """What all lanes of a fleet have in common.
 
     Attributes:
@@ -59,7 +59,7 @@ class Runs(ABC):
 
     Args:
         lanes: The lanes, in the states that their runs start from.
-        trial: What they have in common.
+        settings: What they have in common.
         timestep: Physics step [s].
 
     Attributes:
@@ -72,10 +72,10 @@ class Runs(ABC):
     unseen: Sequence[int] = ()
     """Addresses in `qpos` of what turns without being seen."""
 
-    def __init__(self, lanes: Lanes, trial: Trial, timestep: float) -> None:
+    def __init__(self, lanes: Lanes, settings: RunSettings, timestep: float) -> None:
         self.lanes = lanes
         self.unstable = np.zeros(lanes.count, bool)
-        self._substeps = round(trial.period / timestep)
+        self._substeps = round(settings.period / timestep)
         # The first reading: sensors describe a state only after a step, and what has settled stands on its feet.
         lanes.batch.forward()
 
