@@ -33,8 +33,9 @@ from robolamp.evolve.fitness import weighted
 from robolamp.evolve.run import evolve
 from robolamp.evolve.task import Task, load_task
 from robolamp.lamp import load_lamp
-from robolamp.twin.fleet import Fleet, Job, settle
+from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.judge import FALLEN_HEAD, FALLEN_TILT, GOAL_RADIUS, Outcome
+from robolamp.twin.lamps import settle
 from robolamp.twin.model import TwinModel, build
 from robolamp.twin.servo import friction_loss
 

@@ -27,7 +27,7 @@ from robolamp.calibration import load_calibration
 from robolamp.evolve.run import evolve
 from robolamp.evolve.task import Task, load_task
 from robolamp.lamp import load_lamp
-from robolamp.twin.fleet import settle
+from robolamp.twin.lamps import settle
 from robolamp.twin.model import TwinModel, build
 
 ASSETS = Assets()

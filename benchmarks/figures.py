@@ -1,4 +1,4 @@
-"""How much of bare physics speed the fleet of figures keeps: FigureFleet against mujoco.batch, in one run.
+"""How much of bare physics speed a fleet of figures keeps: Fleet against mujoco.batch, in one run.
 
     python benchmarks/figures.py
 
@@ -23,9 +23,8 @@ from robolamp.controller.expression import parse
 from robolamp.controller.program import Program, compile_program
 from robolamp.controller.terminals import figure_terminals
 from robolamp.figure import Figure, load_figure
-from robolamp.twin.arena import FigureFleet
 from robolamp.twin.figure import FigureTwin, build_figure
-from robolamp.twin.fleet import Job
+from robolamp.twin.fleet import Fleet, Job
 
 LANES, SECONDS, ROUNDS, PERIOD = 200, 2.0, 7, 0.01
 
@@ -71,7 +70,7 @@ def report(name: str, workers: int) -> str:
     assets = Assets()
     figure = load_figure(assets, name)
     twin = build_figure(figure, assets)
-    fleet, own = FigureFleet([twin], PERIOD, workers), programs(figure)
+    fleet, own = Fleet([twin], PERIOD, workers), programs(figure)
     jobs = [Job(lane % len(own), 0, 1.0, direction=0.01 * lane) for lane in range(LANES)]
     trace = fleet.run(own, jobs, SECONDS, record=True).trace
     assert trace is not None

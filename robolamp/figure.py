@@ -39,6 +39,11 @@ class Driven(Protocol):
         ...
 
     @property
+    def drive(self) -> str:
+        """What goals are, one of `DRIVES`."""
+        ...
+
+    @property
     def joints(self) -> Sequence[object]:
         """Its joints, in the order of a controller's outputs."""
         ...

@@ -96,6 +96,11 @@ class Lamp:
     flight_time: float = FLIGHT_TIME
 
     @property
+    def drive(self) -> str:
+        """What goals are: angles."""
+        return "position"
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Joint names, from the foot up."""
         return tuple(joint.name for joint in self.joints)

@@ -6,10 +6,8 @@ between two steps counts in each for its share, so that results are smooth in th
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from mujoco.batch import Batch
@@ -25,6 +23,7 @@ from robolamp.calibrate.pendulum import (
 )
 from robolamp.calibrate.recordings import COUNTS_PER_RADIAN, FULL_DUTY, Recording
 from robolamp.jit import njit
+from robolamp.twin.lanes import deal
 from robolamp.twin.pendulum import pendulum_model
 from robolamp.twin.servo import friction_loss, weaken
 
@@ -63,7 +62,7 @@ class Bench:
         require_pendulum(recordings)
         self.recordings = list(recordings)
         self.timestep = timestep
-        self.workers = workers or len(os.sched_getaffinity(0))
+        self._workers = workers
         self.steps = 0
         self._share, self._taken, self._lock = share, 0, threading.Lock()
         self._model = pendulum_model(timestep)
@@ -83,15 +82,8 @@ class Bench:
         jobs = [(index, row) for index in chosen for row in range(len(parameters))]
         # Long ones first, dealt out in turn: the threads end together.
         jobs.sort(key=lambda job: -self._tracks[job[0]].steps)
-        count = min(self.workers, len(jobs))
-        shares = [jobs[first::count] for first in range(count)]
-        results: dict[tuple[int, int], Array] = {}
-        if count == 1:
-            results.update(self._run(jobs, parameters))
-        else:
-            with ThreadPoolExecutor(count) as pool:
-                for part in pool.map(lambda share: self._run(share, parameters), shares):
-                    results.update(part)
+        parts, _ = deal(len(jobs), self._workers, lambda share: self._run(jobs[share], parameters))
+        results = {job: angles for part in parts for job, angles in part.items()}
         self.steps += sum(self._tracks[index].steps for index, _ in jobs)
         return [np.stack([results[index, row] for row in range(len(parameters))]) for index in chosen]
 

@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
-from mujoco.batch import MODEL_FIELDS, Batch
 from numpy.typing import NDArray
 
 from robolamp.calibrate.session import LampRecording
 from robolamp.twin.bank import goals_by_step
+from robolamp.twin.lamps import Lamps
 from robolamp.twin.model import TwinModel
-from robolamp.twin.motors import Motors, Views
 from robolamp.twin.servo import write_motors
 
 Array = NDArray[np.float64]
@@ -56,13 +55,9 @@ def simulate(recording: LampRecording, twins: Sequence[TwinModel]) -> Simulated:
     """
     run, twin, lanes = recording.run, twins[0], len(twins)
     rows, dt = recording.rows, twin.timestep
-    batch = Batch(twin.model, lanes, 1)
-    for name, values in _differing(twins).items():
-        batch.expand(name)[:] = values
-    views = Views.of_batch(batch, twins, gains=True)
     # Voltages are as recorded, sag and all.
-    drive = Motors([replace(each, supply_resistance=0.0) for each in twins], views)
-    qpos, qvel, gainprm, sensors = views.qpos, views.qvel, views.gains, batch.bind("sensordata")
+    lamps = Lamps([replace(each, supply_resistance=0.0) for each in twins], gains=True)
+    drive, qpos, gainprm = lamps.motors, lamps.qpos, lamps.views.gains
     voltage = _smooth(run.voltage[rows], twin.voltage)
     every = np.arange(lanes)
 
@@ -72,21 +67,17 @@ def simulate(recording: LampRecording, twins: Sequence[TwinModel]) -> Simulated:
             write_motors(block, each.servos, recording.p_gain, volts, np.full(len(volts), torque))
             gainprm[lane, twin.actuator] = block
 
-    def advance() -> None:
-        drive.before_step()
-        batch.step(every, 1)
-
     hold = run.goal[max(recording.first - 1, 0)]
-    batch.reset()
+    lamps.batch.reset()
     qpos[:] = twin.model.key_qpos[0]
     drive.place(_first_known(run.angle[rows]))
     drive.forget(hold)
     motors(voltage[0], True)
     for _ in range(round(SETTLE / dt)):
-        advance()
+        lamps.step(every)
     # Goals are under way and the foot is on the floor now; the joints fell a little until the goals came.
     drive.turn(_first_known(run.angle[rows]))
-    qvel[:] = 0.0
+    lamps.qvel[:] = 0.0
     begin = float(np.nanmin(run.sampled_at[rows]))
     count = round((float(np.nanmax(run.sampled_at[rows])) - begin) / dt) + 2
     time = np.asarray(begin + dt * np.arange(count), np.float64)
@@ -94,11 +85,11 @@ def simulate(recording: LampRecording, twins: Sequence[TwinModel]) -> Simulated:
     at_tick = np.clip(np.searchsorted(run.began[rows], time, side="right") - 1, 0, None)
     angles, forces = np.empty((count, lanes, len(twin.qpos))), np.empty((count, lanes))
     base = np.empty((count, lanes))
-    warned = batch.warning[:, :, 1].copy()
+    lamps.forgive()
     before = (-1, True)
     for step in range(count):
         angles[step], base[step] = drive.angle, qpos[:, 0]
-        forces[step] = sensors[:, twin.foot_sensor]
+        forces[step] = lamps.force
         torque = bool(time[step] + dt / 2 < recording.limp_from)
         tick = int(at_tick[step])
         if (tick, torque) != before:
@@ -106,13 +97,12 @@ def simulate(recording: LampRecording, twins: Sequence[TwinModel]) -> Simulated:
                 motors(voltage[tick], torque)
             before = (tick, torque)
         drive.goal[:] = goals[step]
-        advance()
-    diverged = (batch.warning[:, :, 1] > warned).any(axis=1)
+        lamps.step(every)
     measured_at = run.sampled_at[rows]
     angle = np.empty((lanes, measured_at.shape[0], len(twin.qpos)))
     for joint in range(len(twin.qpos)):
         angle[:, :, joint] = _at(measured_at[:, joint], begin, dt, angles[:, :, joint]).T
-    angle[diverged] = run.angle[rows] + _RESIDUAL_OF_CHAOS
+    angle[lamps.diverged] = run.angle[rows] + _RESIDUAL_OF_CHAOS
     angle[:, ~np.isfinite(measured_at)] = np.nan
     foot_at = run.measured_at[rows] - run.foot_age[rows]
     return Simulated(
@@ -139,18 +129,6 @@ def rescale(twin: TwinModel, mass: float) -> None:
 def mass_of(twin: TwinModel) -> float:
     """Return the mass of a whole lamp [kg]."""
     return float(twin.model.body_subtreemass[0])
-
-
-def _differing(twins: Sequence[TwinModel]) -> dict[str, Array]:
-    """Return the fields of models that are not alike in all of them, with their values, shape (k, ...)."""
-    found = {}
-    for name in sorted(MODEL_FIELDS):
-        if name.startswith("opt.") or name in ("dof_frictionloss", "actuator_gainprm", "tendon_damping"):
-            continue
-        values = [getattr(twin.model, name) for twin in twins]
-        if any(not np.array_equal(values[0], value) for value in values[1:]):
-            found[name] = np.stack(values)
-    return found
 
 
 def _smooth(voltage: Array, otherwise: float) -> Array:

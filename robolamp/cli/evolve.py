@@ -27,8 +27,7 @@ from robolamp.evolve.run import evolve as run_evolution
 from robolamp.evolve.task import load_task
 from robolamp.figure import LAMP, Figure
 from robolamp.files import read_toml
-from robolamp.twin.figure import FigureTwin
-from robolamp.twin.model import TwinModel
+from robolamp.twin.figure import Twin
 
 _Count = Annotated[int | None, Parameter(validator=validators.Number(gte=1))]
 _Seed = Annotated[int | None, Parameter(validator=validators.Number(gte=0, lt=2**63))]
@@ -160,7 +159,7 @@ def _cluster(address: str, console: Console, stack: ExitStack) -> MakeEvaluator:
     from robolamp.evolve.cluster import Cluster
     from robolamp.evolve.machine import differences, machine
 
-    def made(twins: Sequence[TwinModel] | Sequence[FigureTwin], period: float) -> Cluster:
+    def made(twins: Sequence[Twin], period: float) -> Cluster:
         cluster = stack.enter_context(Cluster(address, twins, period))
         for line in differences(machine(), cluster.machines()):
             _warn(console, f"results may differ in the last bit: {line}")

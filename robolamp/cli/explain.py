@@ -11,18 +11,17 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.text import Text
 
-from robolamp.cli.options import DURATION, GOAL_TIME, Setup, goal_range
+from robolamp.cli.figures import stage_of
+from robolamp.cli.options import DURATION, GOAL_TIME, Setup
 from robolamp.cli.output import called, counted, print_json
 from robolamp.controller.branches import count_branches
 from robolamp.controller.expression import Expression, subtree_end
-from robolamp.controller.file import BY_HAND, EVOLVED, TUNED, Controller, check_goal_time
+from robolamp.controller.file import BY_HAND, EVOLVED, TUNED, Controller
 from robolamp.controller.layout import lay_out
 from robolamp.controller.simplify import simplify
-from robolamp.controller.terminals import all_terminals
 from robolamp.errors import RobolampError
-from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.model import build
 
+_GOALS = "0.05:0.60:12"  # [m]
 _MOST_TICKS = 1e6  # to be recorded: about 170 MB
 _WIDTH = 100
 _AS = {EVOLVED: "as evolved", TUNED: "as tuned", BY_HAND: "as written", "": "as given"}
@@ -33,9 +32,10 @@ def explain(
     controller: str,
     /,
     *,
-    goals: str = "0.05:0.60:12",
-    duration: Annotated[float, DURATION] = 5.0,
+    goals: str | None = None,
+    duration: Annotated[float | None, DURATION] = None,
     goal_time: Annotated[float | None, GOAL_TIME] = None,
+    task: str | None = None,
     calibration: str = "nominal",
     lamp: Path | None = None,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
@@ -47,11 +47,16 @@ def explain(
     controller
         A controller file, or the name of a shipped one (hop).
     goals
-        Goals that it runs to on the twin, to count its branches: one goal, or LOW:HIGH:COUNT, in metres.
+        Goals that it runs to on the twin, to count its branches: one goal, or LOW:HIGH:COUNT, in metres (0.05:0.60:12). For
+        a figure other than the lamp: X,Y, or LOW:HIGH:COUNT, so many points all round, that far away; without it, the
+        goals of its task.
     duration
-        Length of each run in seconds.
+        Length of each run in seconds (5, or the time limit of a figure's task).
     goal_time
         Time to take for the way in seconds, for a controller that reads goal_time.
+    task
+        For a figure other than the lamp: the task it is in (file or name); without it, the task.toml beside the
+        controller, or the task that it was evolved for.
     calibration
         Calibration, the twin's numbers: a file, or a name in calibration/.
     lamp
@@ -61,19 +66,20 @@ def explain(
         shares of ticks that reached them and that took each side.
     """
     setup = Setup.of(lamp, calibration)
-    loaded = setup.controller(controller)
-    check_goal_time(loaded, goal_time)
-    distances = goal_range(goals, "--goals")
-    ticks = len(distances) * duration / loaded.control_period
+    stage = stage_of(
+        setup, controller, task, {"--goal-time": goal_time, "--calibration": calibration != "nominal"},
+        goal_time=goal_time,
+    )  # fmt: skip
+    loaded, terminals = stage.controller, stage.terminals
+    jobs, each = stage.jobs(goals, "--goals", _GOALS), duration or stage.duration
+    ticks = len(jobs) * each / loaded.control_period
     if ticks > _MOST_TICKS:
         raise RobolampError(
             f"{ticks:,.0f} ticks in all; at most {_MOST_TICKS:,.0f} are recorded", "--goals, --duration"
         )
-    terminals = all_terminals(len(setup.lamp.joints))
-    fleet = Fleet([build(setup.lamp, setup.calibration, setup.assets)], loaded.control_period)
-    jobs = [Job(0, 0, float(goal), goal_time or 0.0) for goal in distances]
-    trace = fleet.run([loaded.compile(terminals)], jobs, duration, record=True).trace
+    trace = stage.fleet().run([stage.program], jobs, each, record=True).trace
     assert trace is not None  # it was asked for
+    distances = np.array([job.goal for job in jobs])
     inputs = trace.inputs[np.arange(trace.inputs.shape[1]) < trace.ticks[:, None]]
     if as_json:
         joints = [
@@ -90,7 +96,7 @@ def explain(
             }
         )
         return 0
-    _print(loaded, terminals, distances, inputs, duration)
+    _print(loaded, terminals, distances, inputs, each)
     return 0
 
 
@@ -142,10 +148,12 @@ def _print(
     duration: float,
 ) -> None:
     console = Console(highlight=False, soft_wrap=True)
-    reach = f"{goals[0] * 100:g} cm" if len(goals) == 1 else f"{goals[0] * 100:g} to {goals[-1] * 100:g} cm"
+    low, high = goals.min() * 100, goals.max() * 100
+    reach = f"{low:g} cm" if len(goals) == 1 else f"{low:g} to {high:g} cm"
+    meant = "angles in rad" if controller.drive == "position" else "velocities in rad/s"
     console.print(Text(called(controller), "italic"), end="")
     console.print(
-        f": goal angles in rad. Left of each branch: at which share of {counted(len(inputs), 'tick')} it was taken,"
+        f": goal {meant}. Left of each branch: at which share of {counted(len(inputs), 'tick')} it was taken,"
         f"\nin {counted(len(goals), 'run')} on the twin, {reach}, {duration:g} s each."
         " (ifltz c a b) is a where c is below 0, else b."
     )

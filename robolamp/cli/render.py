@@ -13,22 +13,18 @@ from robolamp.cli.figures import Stage, stage_of
 from robolamp.cli.options import GOAL_TIME, Setup, length, seconds
 from robolamp.cli.output import print_json
 from robolamp.cli.pole import pole_of
-from robolamp.controller.file import Controller, check_goal_time
-from robolamp.controller.terminals import all_terminals, figure_terminals
 from robolamp.errors import RobolampError
 from robolamp.files import suffix_of, write_atomic
-from robolamp.twin.arena import FigureFleet
-from robolamp.twin.figure import FigureTwin
-from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.model import Pole, TwinModel, build
+from robolamp.twin.figure import FigureTwin, Twin
+from robolamp.twin.model import TwinModel
 from robolamp.twin.moments import caption, centimetres, moments
-from robolamp.twin.playback import play, play_figure
 from robolamp.twin.render import animation, beside, png, strips
 from robolamp.twin.video import encoders, gif, mp4
 
 Array = NDArray[np.float64]
 
-_GOAL, _DURATION = "0.30", 5.0  # [m], [s]
+_GOAL = "0.30"  # [m]
+_FIGURES = "figures other than the lamp"
 _POSES = 8  # of a strip
 _FRAME = 0.04  # time between the pictures of an animation [s]
 _ANIMATIONS = {".gif": gif, ".mp4": mp4}
@@ -82,27 +78,23 @@ def render(
     setup = Setup.of(lamp, calibration)
     limbo = pole_of(pole, pole_at)
     lamp_alone = {
-        "--goal-time": goal_time, "--pole": pole, "--pole-at": pole_at, "--twin": twin, "--truth": truth,
-        "--calibration": calibration != "nominal",
+        "--goal-time": goal_time, "--pole": pole, "--pole-at": pole_at, "--calibration": calibration != "nominal",
     }  # fmt: skip
-    stage, point = stage_of(setup, run, task, lamp_alone), None
-    if stage is not None:
-        model, time, motions, point = _staged(stage, goal, duration)
-    elif suffix_of(Path(run)) == ".mcap":
-        if limbo is not None:
-            raise RobolampError("is for a controller; no log has a pole", "--pole")
+    plane = False
+    if suffix_of(Path(run)) == ".mcap":
+        for option, value, alone in (("--pole", limbo, "a controller; no log has a pole"), ("--task", task, _FIGURES)):
+            if value is not None:
+                raise RobolampError(f"is for {alone}", option)
         model, time, motions, point = _logged(run, truth, setup, with_twin=twin)
     else:
         if twin or truth is not None:
             raise RobolampError("is for a log; a controller is drawn on the twin", "--twin" if twin else "--truth")
-        controller = setup.controller(run)
-        check_goal_time(controller, goal_time)
-        job = Job(0, 0, length(goal or _GOAL, "--goal"), goal_time or 0.0)
-        model, time, motions = _driven(controller, setup, limbo, job, duration or _DURATION)
-        point = (job.goal, 0.0)
+        stage = stage_of(setup, run, task, lamp_alone, goal_time=goal_time, pole=limbo)
+        model, time, motions, point = _staged(stage, goal, duration)
+        plane = stage.task is not None
     shown = _moving(time, np.hstack(list(motions.values())))
     time, motions = time[shown] - time[shown][0], {name: poses[shown] for name, poses in motions.items()}
-    travel = _travel(next(iter(motions.values())), stage is not None)
+    travel = _travel(next(iter(motions.values())), plane)
     if suffix_of(output) == ".png":
         first = next(iter(motions.values()))
         chosen = moments(model, time, lambda index: first[index], _POSES)
@@ -130,34 +122,23 @@ def render(
     return 0
 
 
-def _driven(
-    controller: Controller, setup: Setup, pole: Pole | None, job: Job, duration: float
-) -> tuple[TwinModel, Array, dict[str, Array]]:
-    """Return what `score` scores, as positions: a run ends at a fall, and what follows is drawn, too."""
-    twin = build(setup.lamp, setup.calibration, setup.assets, pole=pole)
-    program = controller.compile(all_terminals(len(setup.lamp.joints)))
-    outcome = Fleet([twin], controller.control_period, 1).run([program], [job], duration, record=True)
-    assert outcome.trace is not None
-    ticks, sent = outcome.trace.goals.shape[1], outcome.trace.goals[0, : outcome.trace.ticks[0]]
-    qpos = play(twin, sent, controller.control_period, ticks)
-    return twin, np.arange(ticks + 1) * controller.control_period, {"": qpos}
-
-
 def _staged(
     stage: Stage, goal: str | None, duration: float | None
-) -> tuple[FigureTwin, Array, dict[str, Array], tuple[float, float] | None]:
-    """Return a figure's run as positions, and the point it is sent to, where its goal is one."""
-    controller, twin = stage.controller, stage.twin
-    job = stage.jobs(goal, "--goal")[0]
-    program = controller.compile(figure_terminals(twin.figure))
-    fleet = FigureFleet([twin], controller.control_period, 1)
-    outcome = fleet.run([program], [job], duration or stage.task.duration, record=True)
-    assert outcome.trace is not None
-    goals = outcome.trace.goals[0, : outcome.trace.ticks[0]]
-    qpos = play_figure(twin, job, goals, controller.control_period)
-    x, y = job.goal * np.cos(job.direction), job.goal * np.sin(job.direction)
-    time = np.arange(len(qpos), dtype=np.float64) * controller.control_period
-    return twin, time, {"": qpos}, (float(x), float(y)) if twin.goal is None else None
+) -> tuple[Twin, Array, dict[str, Array], tuple[float, float] | None]:
+    """Return what `score` scores, as positions, and the point it is sent to, where its goal is one.
+
+    A lamp's run ends at a fall, and what follows is drawn, too.
+    """
+    if stage.task is None:
+        length(goal or _GOAL, "--goal")  # one, and no range
+    job, fleet = stage.jobs(goal, "--goal", _GOAL)[0], stage.fleet(1)
+    trace = fleet.run([stage.program], [job], duration or stage.duration, record=True).trace
+    assert trace is not None
+    ticks, twin = trace.goals.shape[1], stage.twins[0]
+    qpos = fleet.play(job, trace.goals[0, : trace.ticks[0]], ticks)
+    point = float(job.goal * np.cos(job.direction)), float(job.goal * np.sin(job.direction))
+    body = isinstance(twin, FigureTwin) and twin.goal is not None
+    return twin, np.arange(ticks + 1) * fleet.period, {"": qpos}, None if body else point
 
 
 def _travel(qpos: Array, plane: bool) -> Array:

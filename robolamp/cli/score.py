@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -13,19 +14,16 @@ from rich.text import Text
 
 from robolamp.cli.bar import bar
 from robolamp.cli.figures import stage_of
-from robolamp.cli.options import DURATION, GOAL_TIME, Setup, goal_range
+from robolamp.cli.options import DURATION, GOAL_TIME, Setup
 from robolamp.cli.output import called, counted, print_json
 from robolamp.cli.pole import pole_of
-from robolamp.controller.file import check_goal_time
-from robolamp.controller.terminals import all_terminals
+from robolamp.cli.score_figure import figure_keys, print_figure
 from robolamp.errors import RobolampError
 from robolamp.twin.drawn import LampLaw
-from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.judge import Outcome
 from robolamp.twin.model import Pole, build
+from robolamp.twin.outcome import RunOutcome
 
-_LANES_AT_ONCE = 6000  # about 67 MB of simulation state
-_GOALS, _DURATION = "0.05:0.60:56", 5.0  # [m], [s]
+_GOALS = "0.05:0.60:56"  # [m]
 _ROWS = 12  # of the table that a person reads; --json has every goal
 
 
@@ -89,47 +87,39 @@ def score(
         "--lamps": lamps, "--spread": spread, "--goal-time": goal_time, "--pole": pole, "--pole-at": pole_at,
         "--calibration": calibration != "nominal",
     }  # fmt: skip
-    stage = stage_of(setup, controller, task, lamp_alone)
-    if stage is not None:
-        from robolamp.cli.score_figure import score_figure
-
-        return score_figure(stage, goals, seed, duration, workers, as_json)
-    for option, given in (("--spread", spread), ("--seed", seed)):
-        if given is not None and lamps is None:
-            raise RobolampError("is for lamps that are drawn; give --lamps, too", option)
-    loaded = setup.controller(controller)
-    check_goal_time(loaded, goal_time)
     limbo = pole_of(pole, pole_at)
-    distances = goal_range(goals or _GOALS, "--goals")
-    joints = len(setup.lamp.joints)
-    drawn, drawn_from = [(setup.calibration, None)], ""
+    stage = stage_of(setup, controller, task, lamp_alone, goal_time=goal_time, pole=limbo)
+    drawn_from = ""
     if lamps is not None:
         law = LampLaw(setup.lamp, setup.calibration, setup.assets)
         rng, scale = np.random.default_rng(1 if seed is None else seed), 1.0 if spread is None else spread
         drawn, drawn_from = [law.draw(rng, scale) for _ in range(lamps)], law.source
-    twins = [build(setup.lamp, numbers, setup.assets, bend, pole=limbo) for numbers, bend in drawn]
-    fleet = Fleet(twins, loaded.control_period, workers)
-    program = loaded.compile(all_terminals(joints))
-    jobs = [Job(0, variant, float(goal), goal_time or 0.0) for variant in range(len(twins)) for goal in distances]
-    parts = [jobs[start : start + _LANES_AT_ONCE] for start in range(0, len(jobs), _LANES_AT_ONCE)]
-    with bar("simulating", quiet=as_json) as share:
-        outcomes = [
-            fleet.run(
-                [program], part, duration or _DURATION, done=lambda of, number=number: share((number + of) / len(parts))
-            )
-            for number, part in enumerate(parts)
-        ]
-    outcome = Outcome.join(outcomes)
-    shape = (len(distances),) if lamps is None else (lamps, len(distances))
+        twins = [build(setup.lamp, numbers, setup.assets, bend, pole=limbo) for numbers, bend in drawn]
+        stage = replace(stage, twins=twins)
+    elif stage.task is None:
+        for option, given in (("--spread", spread), ("--seed", seed)):
+            if given is not None:
+                raise RobolampError("is for lamps that are drawn; give --lamps, too", option)
+    jobs = stage.jobs(goals, "--goals", _GOALS, seed)
+    with bar("simulating", quiet=as_json) as done:
+        outcome = stage.fleet(workers).run([stage.program], jobs, duration or stage.duration, done=done)
+    count = len(jobs) // len(stage.twins)
+    shape = (count,) if lamps is None else (lamps, count)
     if as_json:
+        lamp_keys = {
+            "flight_share": outcome.flight_share.reshape(shape),
+            "flight_share_median": _median(outcome.flight_share),
+            **({"drawn_from": drawn_from} if drawn_from else {}),
+            **({} if limbo is None else {"pole_hits": int(outcome.pole.sum())}),
+        }
         print_json(
             {
-                "controller": loaded.name,
-                "origin": loaded.origin or None,
-                "goals_m": distances,
+                "controller": stage.controller.name,
+                "origin": stage.controller.origin or None,
+                "goals_m": outcome.goal[:count],
                 "errors_m": outcome.error.reshape(shape),
                 "hops": outcome.hops.astype(int).reshape(shape),
-                "flight_share": outcome.flight_share.reshape(shape),
+                **(lamp_keys if stage.task is None else figure_keys(stage.task, outcome)),
                 "hits": int(outcome.hit.sum()),
                 "hits_1997": int(outcome.hit_1997.sum()),
                 "falls": int(outcome.fallen.sum()),
@@ -137,17 +127,16 @@ def score(
                 "unstable": int(outcome.unstable.sum()),
                 "upright": int(outcome.upright.sum()),
                 "median_abs_error_m": np.median(np.abs(outcome.error)),
-                "flight_share_median": _median(outcome.flight_share),
-                **({"drawn_from": drawn_from} if drawn_from else {}),
-                **({} if limbo is None else {"pole_hits": int(outcome.pole.sum())}),
             }
         )
-        return 0
-    _print(called(loaded), distances, outcome, len(twins), drawn_from, limbo)
+    elif stage.task is None:
+        _print(called(stage.controller), outcome, len(stage.twins), drawn_from, limbo)
+    else:
+        print_figure(called(stage.controller), stage.task, outcome)
     return 0
 
 
-def _print(name: str, distances: np.ndarray, outcome: Outcome, lamps: int, drawn: str, pole: Pole | None) -> None:
+def _print(name: str, outcome: RunOutcome, lamps: int, drawn: str, pole: Pole | None) -> None:
     title = f"{name} on the twin" + (f", {counted(lamps, 'lamp')} drawn from {drawn}" if drawn else "")
     if pole is not None:
         title += f", a pole {pole.height * 100:.1f} cm high at {pole.x * 100:.0f} cm"
@@ -160,6 +149,7 @@ def _print(name: str, distances: np.ndarray, outcome: Outcome, lamps: int, drawn
     hops = outcome.hops.reshape(lamps, -1)
     fallen, hit = outcome.fallen.reshape(lamps, -1), outcome.hit.reshape(lamps, -1)
     touched = outcome.pole.reshape(lamps, -1)
+    distances = outcome.goal[: runs // lamps]
     shown = np.unique(np.linspace(0, len(distances) - 1, _ROWS).round().astype(int))
     for index in shown:
         own = error[:, index]

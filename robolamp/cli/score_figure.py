@@ -1,73 +1,64 @@
-"""`robolamp score` for figures other than the lamp: goals in the plane, the task's own fitness."""
+"""What `robolamp score` says of figures other than the lamp: goals in the plane, the task's own fitness."""
 
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from robolamp.cli.bar import bar
-from robolamp.cli.figures import Stage
-from robolamp.cli.output import called, counted, print_json
-from robolamp.controller.terminals import figure_terminals
-from robolamp.evolve.fitness import weighted
-from robolamp.figure import POINT
-from robolamp.twin.arena import FigureFleet
-from robolamp.twin.verdict import FigureOutcome
+from robolamp.cli.output import counted
+from robolamp.figure import POINT, Figure
+from robolamp.twin.outcome import RunOutcome
+
+if TYPE_CHECKING:
+    from robolamp.evolve.task import Task
 
 _MOVED = 0.001  # less than this is no move of the body at the goal [m]
 _ROWS = 12  # of the table that a person reads; --json has every goal
 
 
-def score_figure(
-    stage: Stage, goals: str | None, seed: int | None, duration: float | None, workers: int | None, as_json: bool
-) -> int:
-    """Run a figure's controller to many goals and tell how it did; see `robolamp.cli.score`."""
-    controller, figure = stage.controller, stage.twin.figure
-    jobs = stage.jobs(goals, "--goals", seed)
-    fleet = FigureFleet([stage.twin], controller.control_period, workers)
-    program = controller.compile(figure_terminals(figure))
-    with bar("simulating", quiet=as_json) as done:
-        outcome = fleet.run([program], jobs, duration or stage.task.duration, done=done)
-    fitness = weighted(outcome, stage.task.main) + weighted(outcome, stage.task.style)
-    if as_json:
-        print_json(
-            {
-                "controller": controller.name,
-                "origin": controller.origin or None,
-                "figure": figure.name,
-                "task": stage.task.name,
-                "goals_m": outcome.goal,
-                "directions_rad": outcome.direction,
-                "errors_m": outcome.error,
-                "fitness": fitness,
-                "hops": outcome.hops.astype(int),
-                "aloft_s": outcome.aloft,
-                "aloft_share": outcome.aloft / outcome.duration,
-                "flight_gain_m": outcome.flight_gain,
-                "goal_moved_m": outcome.goal_moved,
-                "goal_pulled_m": outcome.goal_pulled,
-                "tilts_rad": outcome.tilt,
-                "collided": outcome.fallen,
-                "hits": int(outcome.hit.sum()),
-                "hits_1997": int(outcome.hit_1997.sum()),
-                "falls": int(outcome.fallen.sum()),
-                "runs": len(jobs),
-                "unstable": int(outcome.unstable.sum()),
-                "upright": int(outcome.upright.sum()),
-                "median_abs_error_m": np.median(outcome.error),
-            }
-        )
-        return 0
-    _print(stage, outcome, fitness)
-    return 0
+def figure_keys(task: Task, outcome: RunOutcome) -> dict[str, Any]:
+    """Return what `--json` says of a figure's runs beside what it says of any."""
+    return {
+        "figure": _figure(task).name,
+        "task": task.name,
+        "directions_rad": outcome.direction,
+        "fitness": _fitness(task, outcome),
+        "aloft_s": outcome.aloft,
+        "aloft_share": outcome.aloft / outcome.duration,
+        "flight_gain_m": outcome.flight_gain,
+        "goal_moved_m": outcome.goal_moved,
+        "goal_pulled_m": outcome.goal_pulled,
+        "tilts_rad": outcome.tilt,
+        "collided": outcome.fallen,
+    }
 
 
-def _print(stage: Stage, outcome: FigureOutcome, fitness: np.ndarray) -> None:
-    table = Table(title=Text(f"{called(stage.controller)} in task {stage.task.name}", "italic"), title_justify="left")
+def _figure(task: Task) -> Figure:
+    assert isinstance(task.figure, Figure)
+    return task.figure
+
+
+def _fitness(task: Task, outcome: RunOutcome) -> np.ndarray:
+    from robolamp.evolve.fitness import weighted
+
+    return weighted(outcome, task.main) + weighted(outcome, task.style)
+
+
+def print_figure(name: str, task: Task, outcome: RunOutcome) -> None:
+    """Print how a figure's controller did, for people.
+
+    Args:
+        name: What the controller is called.
+        task: Its task.
+        outcome: Its runs.
+    """
+    figure, fitness = _figure(task), _fitness(task, outcome)
+    table = Table(title=Text(f"{name} in task {task.name}", "italic"), title_justify="left")
     for column in ("goal", "direction", "ends off by", "jumps", "collided", "upright", "hit", "fitness"):
         table.add_column(column, justify="right")
     order = np.argsort(outcome.direction, kind="stable")
@@ -83,17 +74,17 @@ def _print(stage: Stage, outcome: FigureOutcome, fitness: np.ndarray) -> None:
         )
     console = Console(highlight=False)
     console.print(table)
-    radius = stage.twin.figure.radius * 100
+    radius = figure.radius * 100
     console.print(
         f"{counted(len(order), 'run')}: {counted(outcome.hit.sum(), 'hit')} (within {radius:g} cm at the end,"
         f" upright, nothing hit), {outcome.hit_1997.sum()} came within {radius:g} cm,"
         f" {counted(outcome.fallen.sum(), 'collision')}; median {np.median(outcome.error) * 100:.1f} cm off then.",
         soft_wrap=True,
     )
-    console.print(_story(outcome, stage.twin.figure.goal), soft_wrap=True)
+    console.print(_story(outcome, figure.goal), soft_wrap=True)
 
 
-def _story(outcome: FigureOutcome, body: str) -> str:
+def _story(outcome: RunOutcome, body: str) -> str:
     """Return a sentence on jumps and on what became of the body at the goal; medians of the runs."""
     aloft, gain, moved, pulled = (
         float(np.median(values))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +16,7 @@ _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _IF = (OPCODES[name] for name in ("+", "-",
 
 @njit(nogil=True, fastmath=False, error_model="numpy")
 def run_lanes(
+    lanes: NDArray[np.int64],
     code: NDArray[np.int32],
     operand: NDArray[np.float64],
     starts: NDArray[np.int64],
@@ -23,9 +26,10 @@ def run_lanes(
     outputs: NDArray[np.float64],
     depth: int,
 ) -> None:
-    """Evaluate every lane's program on its row of inputs.
+    """Evaluate lanes' programs, each on its row of inputs.
 
     Args:
+        lanes: Which lanes.
         code: Operation codes of all programs, shape (k,).
         operand: Constants and terminal indices, shape (k,).
         starts: First code of each program's joints, shape (programs, joints).
@@ -36,7 +40,7 @@ def run_lanes(
         depth: Stack cells needed.
     """
     stack = np.empty(depth)
-    for lane in range(program.shape[0]):
+    for lane in lanes:
         own = program[lane]
         for joint in range(starts.shape[1]):
             top = 0
@@ -69,6 +73,7 @@ def run_lanes(
 
 @njit(nogil=True, fastmath=False, error_model="numpy")
 def bound_lanes(
+    lanes: NDArray[np.int64],
     wanted: NDArray[np.float64],
     goal: NDArray[np.float64],
     lower: NDArray[np.float64],
@@ -79,6 +84,7 @@ def bound_lanes(
     """Do for many lanes what `Envelope.apply` does, to the bit, without its cost for each call.
 
     Args:
+        lanes: Which lanes.
         wanted: What the controllers ask for, shape (lanes, joints).
         goal: Goals as sent last; written to, shape (lanes, joints).
         lower: Smallest goals, shape (joints,).
@@ -86,7 +92,7 @@ def bound_lanes(
         step: Largest change of a goal in a control period, shape (joints,).
         interventions: What had to be changed so far; written to, shape (lanes,).
     """
-    for lane in range(wanted.shape[0]):
+    for lane in lanes:
         for joint in range(wanted.shape[1]):
             last, held = goal[lane, joint], wanted[lane, joint]
             if not np.isfinite(held):
@@ -96,3 +102,17 @@ def bound_lanes(
             slow = min(max(inside, last - step[joint]), last + step[joint])
             interventions[lane] += int(inside != held) + int(slow != inside)
             goal[lane, joint] = slow + 0.0  # a goal of -0.0 becomes 0.0
+
+
+# In one call: the way from Python into a kernel costs as much as the kernel does for a lane or two.
+@njit(nogil=True, fastmath=False, error_model="numpy")
+def command_lanes(lanes: NDArray[np.int64], run: tuple[Any, ...], bound: tuple[Any, ...]) -> None:
+    """Evaluate lanes' programs and bound what they ask for.
+
+    Args:
+        lanes: Which lanes.
+        run: What `run_lanes` takes beside them.
+        bound: What `bound_lanes` takes beside them.
+    """
+    run_lanes(lanes, *run)
+    bound_lanes(lanes, *bound)

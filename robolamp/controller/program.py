@@ -146,11 +146,11 @@ class ProgramSet:
         """
         from robolamp.controller.kernels import run_lanes  # noqa: PLC0415 (numba loads slowly; a lamp never needs it)
 
-        run_lanes(*self.arguments(program, inputs, outputs))
+        run_lanes(np.arange(len(program)), *self.arguments(program, inputs, outputs))
         return outputs
 
     def arguments(
         self, program: NDArray[np.int64], inputs: NDArray[np.float64], outputs: NDArray[np.float64]
     ) -> tuple[Any, ...]:
-        """Return what `kernels.run_lanes` takes, for kernels that call it themselves; see `run`."""
+        """Return what `kernels.run_lanes` takes beside the lanes, for kernels that call it themselves; see `run`."""
         return self.code, self.operand, self.starts, self.ends, program, inputs, outputs, self.stack

@@ -34,13 +34,9 @@ import numpy as np
 from robolamp.controller.program import Program
 from robolamp.errors import RobolampError
 from robolamp.evolve.machine import machine
-from robolamp.twin.arena import FigureFleet, make_fleet
-from robolamp.twin.figure import FigureTwin
+from robolamp.twin.figure import Twin
 from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.judge import Outcome
-from robolamp.twin.lanes import joined
-from robolamp.twin.model import TwinModel
-from robolamp.twin.verdict import FigureOutcome
+from robolamp.twin.outcome import RunOutcome
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -61,12 +57,12 @@ _ADDRESS = re.compile(r"((tcp|tls)://)?(\[[0-9a-fA-F:]+\]|[^\s:/\[\]]+):(?P<port
 _EXPECTED = "expected host:port of a dask scheduler"
 
 # Of this worker, by the key of their lamps, the latest last.
-_idle: OrderedDict[str, list[Fleet | FigureFleet]] = OrderedDict()
+_idle: OrderedDict[str, list[Fleet]] = OrderedDict()
 _idle_lock = threading.Lock()
 
 
 @contextmanager
-def _fleet(key: str, lamps: bytes) -> Iterator[Fleet | FigureFleet]:
+def _fleet(key: str, lamps: bytes) -> Iterator[Fleet]:
     """Lend a fleet of this worker to one thread; it is built where none is idle."""
     with _idle_lock:
         fleets = _idle.setdefault(key, [])
@@ -75,13 +71,13 @@ def _fleet(key: str, lamps: bytes) -> Iterator[Fleet | FigureFleet]:
             _idle.popitem(last=False)
         fleet = fleets.pop() if fleets else None
     if fleet is None:
-        fleet = make_fleet(*pickle.loads(lzma.decompress(lamps)), workers=1)
+        fleet = Fleet(*pickle.loads(lzma.decompress(lamps)), workers=1)
     yield fleet
     with _idle_lock:
         fleets.append(fleet)
 
 
-def run_chunk(key: str, lamps: bytes, chunk: bytes) -> tuple[Outcome | FigureOutcome, int]:
+def run_chunk(key: str, lamps: bytes, chunk: bytes) -> tuple[RunOutcome, int]:
     """Run a chunk on a worker.
 
     Args:
@@ -99,10 +95,10 @@ def run_chunk(key: str, lamps: bytes, chunk: bytes) -> tuple[Outcome | FigureOut
         return outcome, fleet.steps - before
 
 
-def _task() -> Callable[[str, bytes, bytes], tuple[Outcome | FigureOutcome, int]]:
+def _task() -> Callable[[str, bytes, bytes], tuple[RunOutcome, int]]:
     """Return `run_chunk` as a function that travels by value, so that the scheduler itself needs no robolamp."""
 
-    def robolamp(key: str, lamps: bytes, chunk: bytes) -> tuple[Outcome | FigureOutcome, int]:
+    def robolamp(key: str, lamps: bytes, chunk: bytes) -> tuple[RunOutcome, int]:
         from robolamp.evolve.cluster import run_chunk  # noqa: PLC0415 (on the worker)
 
         return run_chunk(key, lamps, chunk)
@@ -149,7 +145,7 @@ class Cluster:
             of them cannot run robolamp, or the period is not a whole number of physics steps.
     """
 
-    def __init__(self, address: str, twins: Sequence[TwinModel] | Sequence[FigureTwin], period: float) -> None:
+    def __init__(self, address: str, twins: Sequence[Twin], period: float) -> None:
         self._where = f"--cluster {address}"
         match = _ADDRESS.match(address)
         if match is None or not 0 < int(match["port"]) < 65536:
@@ -158,7 +154,7 @@ class Cluster:
             from distributed import Client  # noqa: PLC0415 (an optional extra)
         except ImportError:
             raise RobolampError("needs dask.distributed: pip install 'robolamp[cluster]'", self._where) from None
-        make_fleet(twins[:1], period, 1)  # refuses here what every worker would refuse
+        Fleet(twins[:1], period, 1)  # refuses here what every worker would refuse
         self.steps = 0
         self._loop = _Loop()
         try:
@@ -228,7 +224,7 @@ class Cluster:
         *,
         poses: Sequence[KeyPose] = (),
         record: bool = False,
-    ) -> Outcome | FigureOutcome:
+    ) -> RunOutcome:
         """Run every job to its end and judge it; for arguments and result see `Fleet.run`.
 
         Raises:
@@ -245,12 +241,12 @@ class Cluster:
             ]
             results = self._gathered(chunks)
         self.steps += sum(steps for _, steps in results)
-        return joined([outcome for outcome, _ in results])
+        return RunOutcome.join([outcome for outcome, _ in results])
 
     def _threads(self) -> int:
         return sum(self._client.nthreads().values())
 
-    def _gathered(self, chunks: list[Future]) -> list[tuple[Outcome | FigureOutcome, int]]:
+    def _gathered(self, chunks: list[Future]) -> list[tuple[RunOutcome, int]]:
         """Wait for chunks as long as anybody works on them; return their results in order."""
         from distributed import wait  # noqa: PLC0415 (an optional extra)
 
@@ -259,7 +255,7 @@ class Cluster:
             try:
                 with self._client.as_current():  # `wait` takes no client
                     wait(chunks, timeout=_BREATH)
-                return cast(list[tuple[Outcome | FigureOutcome, int]], self._client.gather(chunks))
+                return cast(list[tuple[RunOutcome, int]], self._client.gather(chunks))
             except TimeoutError:
                 if self._threads():
                     seen = time.monotonic()

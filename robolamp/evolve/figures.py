@@ -12,7 +12,7 @@ from robolamp.evolve.task import Task
 from robolamp.figure import Driven, Figure
 from robolamp.lamp import Lamp
 from robolamp.twin.drawn import LampLaw
-from robolamp.twin.figure import FigureTwin, build_figure
+from robolamp.twin.figure import Twin, build_figure
 from robolamp.twin.model import Bend, TwinModel, build
 
 _LAMPS = 24  # at least, drawn for a run besides the calibrated one
@@ -23,14 +23,9 @@ def driven_by(task: Task, lamp: Lamp) -> Driven:
     return task.figure if isinstance(task.figure, Figure) else lamp
 
 
-def drive_of(task: Task) -> str:
-    """Return what the outputs of a task's controllers are, one of `robolamp.figure.DRIVES`."""
-    return task.figure.drive if isinstance(task.figure, Figure) else "position"
-
-
 def compiled(
     task: Task, lamp: Lamp, calibration: Calibration, assets: Assets, rng: np.random.Generator
-) -> Sequence[TwinModel] | Sequence[FigureTwin]:
+) -> Sequence[Twin]:
     """Return the models that a run's trials are made on, the calibrated lamp first.
 
     Args:

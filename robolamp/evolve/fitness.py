@@ -15,6 +15,7 @@ from robolamp.errors import FileError, RobolampError
 from robolamp.figure import LAMP
 from robolamp.files import MOST_TOML, read_text
 from robolamp.twin.judge import Outcome
+from robolamp.twin.outcome import RunOutcome
 from robolamp.twin.verdict import FigureOutcome
 
 Term = Callable[[Any], NDArray[np.float64]]
@@ -73,12 +74,12 @@ def terms_of(figure: str) -> tuple[str, ...]:
 
 
 @term("distance")
-def _distance(outcome: Outcome | FigureOutcome) -> NDArray[np.float64]:
+def _distance(outcome: RunOutcome) -> NDArray[np.float64]:
     return np.abs(outcome.error) / np.abs(outcome.goal)
 
 
 @term("miss")
-def _miss(outcome: Outcome | FigureOutcome) -> NDArray[np.float64]:
+def _miss(outcome: RunOutcome) -> NDArray[np.float64]:
     return np.minimum(np.abs(outcome.error), 0.3) / 0.05
 
 
@@ -103,12 +104,12 @@ def _restless(outcome: Outcome) -> NDArray[np.float64]:
 
 
 @term("posture")
-def _posture(outcome: Outcome | FigureOutcome) -> NDArray[np.float64]:
+def _posture(outcome: RunOutcome) -> NDArray[np.float64]:
     return np.minimum(np.abs(outcome.angles).mean(axis=1), 1.0)
 
 
 @term("arrival")
-def _arrival(outcome: Outcome | FigureOutcome) -> NDArray[np.float64]:
+def _arrival(outcome: RunOutcome) -> NDArray[np.float64]:
     return np.where(np.isnan(outcome.arrival), 1.0, outcome.arrival / outcome.duration)
 
 
@@ -200,7 +201,7 @@ def _line_of(error: BaseException, path: str) -> str:
     return found
 
 
-def weighted(outcome: Outcome | FigureOutcome, weights: Mapping[str, float]) -> NDArray[np.float64]:
+def weighted(outcome: RunOutcome, weights: Mapping[str, float]) -> NDArray[np.float64]:
     """Return the weighted sum of terms, shape (lanes,); `HOPELESS` at most, and where it is no number.
 
     Args:
@@ -222,7 +223,7 @@ def weighted(outcome: Outcome | FigureOutcome, weights: Mapping[str, float]) -> 
     return np.where(total < HOPELESS, total, HOPELESS)  # also where it is no number
 
 
-def _value(name: str, outcome: Outcome | FigureOutcome) -> NDArray[np.float64]:
+def _value(name: str, outcome: RunOutcome) -> NDArray[np.float64]:
     function = _TERMS[name]
     try:
         value = np.asarray(function(outcome))

@@ -21,7 +21,7 @@ from robolamp.errors import FileError, RobolampError
 from robolamp.evolve.breeding import choose, represent
 from robolamp.evolve.checkpoint import NAME as CHECKPOINT
 from robolamp.evolve.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
-from robolamp.evolve.figures import compiled, drive_of, driven_by
+from robolamp.evolve.figures import compiled, driven_by
 from robolamp.evolve.fitness import load_terms
 from robolamp.evolve.machine import differences, machine
 from robolamp.evolve.origin import marks, origin_of
@@ -38,9 +38,9 @@ from robolamp.evolve.tune import tune
 from robolamp.figure import LAMP
 from robolamp.files import alone, sha256, write_atomic
 from robolamp.lamp import Lamp, load_lamp
-from robolamp.twin.arena import make_fleet
-from robolamp.twin.figure import FigureTwin
-from robolamp.twin.model import TwinModel, fingerprint
+from robolamp.twin.figure import Twin
+from robolamp.twin.fleet import Fleet
+from robolamp.twin.model import fingerprint
 
 CONTROLLER = "controller.toml"
 """The best controller so far, in a run's folder."""
@@ -50,7 +50,7 @@ _JUDGED = 4  # fresh sets of cases that decide between candidates, where cases a
 _COUNTS = ("tried", "cached", "inherited", "stopped")
 _STREAMS = ("born", "chosen", "drawn", "tuned", "bred")
 
-MakeEvaluator = Callable[[Sequence[TwinModel] | Sequence[FigureTwin], float], Evaluator]
+MakeEvaluator = Callable[[Sequence[Twin], float], Evaluator]
 """Takes a run's lamps and its control period [s]."""
 
 
@@ -113,14 +113,13 @@ def evolve(
     }
     if isinstance(task.figure, str):  # others live in the simulation alone: the lamp's numbers have no part in them
         record |= {"calibration": str(calibration.path.resolve()), "calibration_sha256": calibration.hash}
+    drive = driven_by(task, lamp).drive
     for seeded in seeds:
         if seeded.control_period != task.control_period:
             periods = f"{seeded.control_period:g} s; the task's is {task.control_period:g} s"
             raise RobolampError(f"has a control period of {periods}", f"seed {seeded.name}")
-        if seeded.drive != drive_of(task):
-            raise RobolampError(
-                f"drives by {seeded.drive}; the task's drive is {drive_of(task)}", f"seed {seeded.name}"
-            )
+        if seeded.drive != drive:
+            raise RobolampError(f"drives by {seeded.drive}; the task's drive is {drive}", f"seed {seeded.name}")
     _refuse_taken(folder)
     run = Run(task, lamp, calibration, assets, folder, record, workers, evaluator, progress)
     run.draw(seeds)
@@ -233,7 +232,7 @@ class Run:
         lamps = compiled(task, lamp, calibration, assets, self._rng["drawn"])
         self._lamps = len(lamps)
         self._twin = fingerprint(lamps)
-        make = evaluator or (lambda twins, period: make_fleet(twins, period, workers))
+        make = evaluator or (lambda twins, period: Fleet(twins, period, workers))
         self._evaluator = make(lamps, task.control_period)
         self._terminals = task.terminals(len(driven.joints))
         self._representation = represent(task, self._terminals, driven.names)
@@ -472,7 +471,7 @@ class Run:
         controller = Controller(
             name=slug(self._folder.resolve().name),
             task=self._task.name,
-            drive=drive_of(self._task),
+            drive=self._lamp.drive,
             control_period=self._task.control_period,
             expressions=expressions,
             joints=self._lamp.names,

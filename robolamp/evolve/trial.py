@@ -17,12 +17,10 @@ from robolamp.evolve.task import Task
 from robolamp.evolve.tree import Genome
 from robolamp.figure import Figure
 from robolamp.twin.fleet import Job
-from robolamp.twin.judge import Outcome
+from robolamp.twin.outcome import RunOutcome
 from robolamp.twin.poses import KeyPose
 from robolamp.twin.trace import Trace
-from robolamp.twin.verdict import FigureOutcome
 
-_LANES_AT_ONCE = 6000  # about 67 MB of simulation state
 _TRACE_AT_ONCE = 250e6  # bytes of what controllers saw and sent
 
 MEASURES = ("main", "style", "hit", "hit_1997", "fallen", "hops", "flight_share")
@@ -44,7 +42,7 @@ class Evaluator(Protocol):
         *,
         poses: Sequence[KeyPose] = (),
         record: bool = False,
-    ) -> Outcome | FigureOutcome:
+    ) -> RunOutcome:
         """Run every job to its end; see `robolamp.twin.fleet.Fleet.run`."""
         ...
 
@@ -156,7 +154,7 @@ class Trials:
     def measure(
         self, genomes: Sequence[Genome], cases: Sequence[Case], pairs: NDArray[np.int64], *, record: bool = False
     ) -> Iterator[tuple[slice, NDArray[np.float64], Trace | None]]:
-        """Try genomes on cases, as many at once as memory is good for.
+        """Try genomes on cases; where they are recorded, as many at once as memory is good for.
 
         Args:
             genomes: The controllers.
@@ -167,11 +165,11 @@ class Trials:
         Yields:
             Which of the pairs, their `MEASURES` (shape (m, 7)), and their trace.
         """
-        task, at_once = self._task, _LANES_AT_ONCE
+        task, at_once = self._task, max(len(pairs), 1)
         if record:
             width = len(self._terminals) + len(genomes[0])
             lane = 8.0 * width * task.duration / task.control_period
-            at_once = max(1, min(at_once, int(_TRACE_AT_ONCE / lane)))
+            at_once = max(1, int(_TRACE_AT_ONCE / lane))
         for start in range(0, len(pairs), at_once):
             began = time.perf_counter()
             part = slice(start, min(start + at_once, len(pairs)))

@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
-import mujoco
 import numpy as np
-from mujoco.batch import MODEL_FIELDS, Batch
 from numpy.typing import NDArray
 
 from robolamp.twin.body import Body
+from robolamp.twin.lamps import Lamps
+from robolamp.twin.lanes import Variants, deal, state_of
 from robolamp.twin.model import TwinModel
-from robolamp.twin.motors import LEAST_VOLTAGE, Motors, Views
+from robolamp.twin.motors import LEAST_VOLTAGE
 from robolamp.twin.servo import write_motors
 
 Array = NDArray[np.float64]
 
 SETTLE = 0.3
 """How long each twin stands with the first goals before the record begins [s]."""
-_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _HAND = 5.0  # friction by which a hand holds a joint [Nm]: ten times what a servo can push
 
 
@@ -95,21 +92,14 @@ def play_bank(members: Sequence[Member], score: Score, workers: int | None = Non
         score: What to play.
         workers: Threads; None: one for each core.
     """
-    count = min(workers or len(os.sched_getaffinity(0)), len(members))
-    shares = [np.arange(first, len(members), count) for first in range(count)]
-    models = [member.twin.model for member in members]
-    differing = _differing(models)
-    state = _start(members[0].twin, score)
+    twins = [replace(member.twin, supply_resistance=0.0) for member in members]  # this bank's own supplies sag
+    variants, every = Variants([twin.model for twin in twins]), np.arange(len(members))
+    state = _start(twins[0], score)
 
-    def work(share: NDArray[np.int64]) -> Record:
-        own = {name: values[share] for name, values in differing.items()}
-        return _Share([members[index] for index in share], own, state, score).play()
+    def work(share: slice) -> Record:
+        return _Share(members[share], Lamps(twins, every[share], variants, state), score).play()
 
-    if count == 1:
-        return work(shares[0])
-    with ThreadPoolExecutor(count) as pool:
-        parts = list(pool.map(work, shares))
-    order = np.argsort(np.concatenate(shares))
+    parts, order = deal(len(members), workers, work)
     joined = {
         name: np.concatenate([getattr(part, name) for part in parts], axis=1)[:, order]
         for name in ("angle", "current", "force")
@@ -117,25 +107,11 @@ def play_bank(members: Sequence[Member], score: Score, workers: int | None = Non
     return Record(time=parts[0].time, **joined)
 
 
-def _differing(models: Sequence[mujoco.MjModel]) -> dict[str, Array]:
-    """Return the fields that are not alike in all models, with their values, shape (models, ...)."""
-    found = {}
-    for name in MODEL_FIELDS:
-        if name.startswith("opt.") or name in ("dof_frictionloss", "tendon_damping"):
-            continue
-        first = getattr(models[0], name)
-        if any(not np.array_equal(first, getattr(model, name)) for model in models[1:]):
-            found[name] = np.stack([getattr(model, name) for model in models])
-    return found
-
-
 def _start(twin: TwinModel, score: Score) -> Array:
     body = Body(twin)
     body.place(score.pose)
     body.set_goal(score.hold)
-    state = np.empty(mujoco.mj_stateSize(body.model, _STATE))
-    mujoco.mj_getState(body.model, body.data, state, _STATE)
-    return state
+    return state_of(body.model, body.data)
 
 
 def goals_by_step(hold: Array, goal: Array, sent: Array, dt: float, steps: int) -> Array:
@@ -162,13 +138,11 @@ def goals_by_step(hold: Array, goal: Array, sent: Array, dt: float, steps: int) 
 class _Share:
     """The members of one worker."""
 
-    def __init__(self, members: Sequence[Member], differing: dict[str, Array], state: Array, score: Score) -> None:
+    def __init__(self, members: Sequence[Member], lamps: Lamps, score: Score) -> None:
         twin = members[0].twin
         lanes, n = len(members), len(twin.qpos)
-        self._twin, self._score, self._lanes = twin, score, np.arange(lanes)
-        self._batch = Batch(twin.model, lanes, 1)
-        for name, values in differing.items():
-            self._batch.expand(name)[:] = values
+        self._twin, self._score, self._lamps, self._lanes = twin, score, lamps, np.arange(lanes)
+        self._batch = lamps.batch
         gravity = twin.model.opt.gravity
         slope = np.array([member.slope for member in members])
         if slope.any():
@@ -176,11 +150,7 @@ class _Share:
             pull = np.column_stack([fall * np.sin(slope), np.zeros(lanes), -fall * np.cos(slope)])
             self._batch.expand("opt.gravity")[:] = pull
         self._zero = np.array([member.zero if member.zero.size else np.zeros(n) for member in members])
-        self._batch.state[:] = state
         self._late = np.array([round(member.late / twin.timestep) for member in members])
-        twins = [replace(each.twin, supply_resistance=0.0) for each in members]  # this bank's own supplies sag
-        self._views = Views.of_batch(self._batch, twins)
-        self._motors = Motors(twins, self._views)
         self._k = np.stack([member.twin.servos.torque_constant for member in members])
         self._r = np.stack([member.twin.servos.resistance for member in members])
         self._full = np.array([member.twin.voltage for member in members])
@@ -195,8 +165,8 @@ class _Share:
     def play(self) -> Record:
         """Return the record of this share."""
         batch, twin, score, lanes = self._batch, self._twin, self._score, self._lanes
-        views, motors, dofs = self._views, self._motors, twin.gears.dof
-        qpos, qvel, motor, sensors = views.qpos, views.qvel, views.motor, batch.bind("sensordata")
+        views, motors, dofs = self._lamps.views, self._lamps.motors, twin.gears.dof
+        qpos, qvel, motor = views.qpos, views.qvel, views.motor
         motors.place(qpos[:, twin.qpos] + self._zero)
         motors.forget(score.hold + self._zero)
         dt = twin.timestep
@@ -216,7 +186,7 @@ class _Share:
                 duty = np.clip(np.abs(self._r * winding + self._k * speed) / voltage[:, None], 0.0, 1.0)
                 angle[step] = motors.angle - self._zero
                 current[step] = duty * winding
-                force[step] = sensors[:, twin.foot_sensor]
+                force[step] = self._lamps.force
                 drawn = np.abs(current[step]).sum(axis=1)
             for lane, member in self._sagging:
                 since = score.begin + step * dt - score.powered

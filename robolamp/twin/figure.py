@@ -20,11 +20,10 @@ from robolamp.assets import Assets
 from robolamp.errors import FileError
 from robolamp.figure import POINT, Figure
 from robolamp.files import read_bytes
-from robolamp.twin.model import quiet
+from robolamp.twin.lanes import state_of
+from robolamp.twin.model import TwinModel, quiet
 
 _SETTLE_TIME = 0.5  # how long a figure stands before a run, its motors at zero velocity [s]
-STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-"""What `FigureTwin.state` holds."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +76,11 @@ class FigureTwin:
     support: int
 
     @property
+    def driven(self) -> Figure:
+        """What controllers drive."""
+        return self.figure
+
+    @property
     def timestep(self) -> float:
         """Physics step [s]."""
         return float(self.model.opt.timestep)
@@ -85,6 +89,10 @@ class FigureTwin:
     def source(self) -> str:
         """The text of the figure's description."""
         return self.figure.source
+
+
+Twin = TwinModel | FigureTwin
+"""A compiled lamp, or a compiled figure."""
 
 
 def build_figure(
@@ -194,6 +202,4 @@ def _settled(model: mujoco.MjModel) -> NDArray[np.float64]:
     mujoco.mj_resetDataKeyframe(model, data, 0)
     for _ in range(round(_SETTLE_TIME / model.opt.timestep)):
         mujoco.mj_step(model, data)
-    state = np.empty(mujoco.mj_stateSize(model, STATE))
-    mujoco.mj_getState(model, data, state, STATE)
-    return state
+    return state_of(model, data)

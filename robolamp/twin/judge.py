@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from robolamp.controller.hops import shortest_flight
 from robolamp.jit import njit
-from robolamp.twin.lanes import Lanes
 from robolamp.twin.model import TwinModel
-from robolamp.twin.trace import Trace
+from robolamp.twin.outcome import RunOutcome
 
 HOP_CLEARANCE = 0.002
 """Height that every point of the foot must reach in a hop [m]."""
@@ -115,13 +114,12 @@ def _judge(
 
 
 @dataclass(frozen=True)
-class Outcome(Lanes):
-    """What each lane's lamp did; every array has shape (lanes,).
+class Outcome(RunOutcome):
+    """What each lane's lamp did; see `RunOutcome` for what is told of any run.
 
     Attributes:
         goal: Where it was sent [m].
         goal_time: Time it was told to take for the way [s]; 0 where it was not told.
-        duration: Time limit of the run [s].
         x: Base centre at the end [m].
         nearest: Smallest distance from the goal on the way [m].
         travel: Path length of the base centre along x [m].
@@ -133,36 +131,23 @@ class Outcome(Lanes):
         travel_after: Path length after that [m].
         tilt: Tilt of the foot at the end [rad].
         max_tilt: Largest tilt [rad].
-        angles: Joint angles at the end, shape (lanes, n) [rad].
         motion: How far the base moved in the last half second [m].
         pole: It touched the pole.
         pose_error: Mean over the key poses of the mean |joint angle - wanted| [rad]; 0 without key poses.
         unstable: The simulation diverged; also counted as fallen.
-        interventions: What the envelope changed.
-        trace: What the controllers saw and sent, where that was recorded.
     """
 
-    goal: NDArray[np.float64]
     goal_time: NDArray[np.float64]
-    duration: NDArray[np.float64]
     x: NDArray[np.float64]
-    nearest: NDArray[np.float64]
     travel: NDArray[np.float64]
     flight: NDArray[np.float64]
-    hops: NDArray[np.float64]
     bad_landings: NDArray[np.float64]
     fall_time: NDArray[np.float64]
-    arrival: NDArray[np.float64]
     travel_after: NDArray[np.float64]
-    tilt: NDArray[np.float64]
     max_tilt: NDArray[np.float64]
-    angles: NDArray[np.float64]
     motion: NDArray[np.float64]
     pole: NDArray[np.bool_]
     pose_error: NDArray[np.float64]
-    unstable: NDArray[np.bool_]
-    interventions: NDArray[np.int64]
-    trace: Trace | None = None
 
     @property
     def fallen(self) -> NDArray[np.bool_]:

@@ -1,70 +1,138 @@
-"""Lanes: what many runs gave, joined and picked, and how runs are dealt out to threads."""
+"""The engine: many lanes of one model that are stepped together, and how lanes are dealt out to threads.
+
+Lamps and figures under controllers, replays of what was recorded, and the bench are put on it. Lanes do not touch each
+other: what one does is the same to the bit whichever others there are, on however many threads.
+"""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import fields
-from typing import Any, Self, TypeVar
+from typing import TypeVar
 
+import mujoco
 import numpy as np
+from mujoco.batch import MODEL_FIELDS, Batch
 from numpy.typing import NDArray
 
-from robolamp.twin.trace import Trace
+STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+"""What the state of a lane holds."""
+
+
+def state_of(model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.float64]:
+    """Return a copy of a state that lanes can start from, shape (nstate,)."""
+    state = np.empty(mujoco.mj_stateSize(model, STATE))
+    mujoco.mj_getState(model, data, state, STATE)
+    return state
+
+
+class Variants:
+    """MuJoCo models that differ in numbers only.
+
+    Args:
+        models: The models.
+
+    Raises:
+        ValueError: They differ in more than numbers.
+    """
+
+    def __init__(self, models: Sequence[mujoco.MjModel]) -> None:
+        self.model = models[0]
+        self.count = len(models)
+        self._differing: dict[str, NDArray[np.float64]] = {}
+        for name in sorted(MODEL_FIELDS):
+            if name.startswith("opt."):
+                continue
+            values = [getattr(model, name) for model in models]
+            if any(value.shape != values[0].shape for value in values):
+                raise ValueError(f"the models differ in more than numbers: {name}")
+            if any(not np.array_equal(values[0], value) for value in values[1:]):
+                self._differing[name] = np.stack(values)
+
+    def batch(self, variant: NDArray[np.int64]) -> Batch:
+        """Return lanes for one thread.
+
+        Args:
+            variant: Which of the models each lane has, shape (k,).
+        """
+        batch, present = Batch(self.model, len(variant), 1), np.unique(variant)
+        for name, values in self._differing.items():
+            if (values[present] != values[0]).any():
+                batch.expand(name)[:] = values[variant]
+        return batch
 
 
 class Lanes:
-    """A dataclass whose fields are arrays over lanes, shape (lanes, ..), and a trace, which may be missing."""
+    """Lanes that are stepped together, on one thread.
 
-    trace: Trace | None
+    Args:
+        variants: The models.
+        variant: Which of them each lane has, shape (k,); None: a lane a model.
+        states: State of each lane, shape (k, nstate), or one for all; None: MuJoCo's default.
 
-    @classmethod
-    def join(cls, outcomes: Sequence[Self]) -> Self:
-        """Return the lanes of all outcomes, one after the other; their traces, too, if all have one."""
-        arrays = {name: np.concatenate([getattr(each, name) for each in outcomes]) for name in _arrays(cls)}
-        traces = [outcome.trace for outcome in outcomes if outcome.trace is not None]
-        return _made(cls, arrays, Trace.join(traces) if len(traces) == len(outcomes) else None)
+    Attributes:
+        batch: MuJoCo's lanes.
+        qpos: Positions, shape (k, nq); written to.
+        qvel: Velocities, shape (k, nv); written to.
+        sensors: `sensordata`, shape (k, nsensordata).
+        count: Number of lanes, k.
+        steps: Physics steps taken so far, of all lanes together.
+    """
 
-    def take(self, lanes: NDArray[np.int64]) -> Self:
-        """Return some lanes, in that order, without their traces."""
-        return _made(type(self), {name: getattr(self, name)[lanes] for name in _arrays(type(self))}, None)
+    def __init__(
+        self,
+        variants: Variants,
+        variant: NDArray[np.int64] | None = None,
+        states: NDArray[np.float64] | None = None,
+    ) -> None:
+        self.variant = np.arange(variants.count) if variant is None else variant
+        self.batch = variants.batch(self.variant)
+        if states is not None:
+            self.batch.state[:] = states
+        self.qpos, self.qvel, self.sensors = (self.batch.bind(name) for name in ("qpos", "qvel", "sensordata"))
+        self.count, self.steps = len(self.variant), 0
+        self.forgive()
+
+    def step(self, lanes: NDArray[np.int64]) -> None:
+        """Take a physics step.
+
+        Args:
+            lanes: Which lanes.
+        """
+        self.batch.step(lanes if len(lanes) < self.count else None, 1)
+        self.steps += len(lanes)
+
+    def forgive(self) -> None:
+        """Tell from here on which lanes diverge."""
+        self._warned = self.batch.warning[:, :, 1].copy()
+
+    @property
+    def diverged(self) -> NDArray[np.bool_]:
+        """Which lanes have diverged, shape (k,): MuJoCo resets them silently, only its warning counters tell."""
+        return (self.batch.warning[:, :, 1] > self._warned).any(axis=1)
 
 
-def _made(kind: Any, arrays: dict[str, NDArray[Any]], trace: Trace | None) -> Any:
-    return kind(**arrays, trace=trace)
+Result = TypeVar("Result")
 
 
-def _arrays(kind: Any) -> list[str]:
-    return [item.name for item in fields(kind) if item.name != "trace"]
-
-
-Outcomes = TypeVar("Outcomes", bound=Lanes)
-
-
-def joined(outcomes: Sequence[Outcomes]) -> Outcomes:
-    """Return the lanes of outcomes of one kind, one after the other; see `Lanes.join`."""
-    return type(outcomes[0]).join(outcomes)
-
-
-def deal(count: int, workers: int, work: Callable[[slice], tuple[Outcomes, int]]) -> tuple[Outcomes, int]:
-    """Run lanes on threads.
+def deal(count: int, workers: int | None, work: Callable[[slice], Result]) -> tuple[list[Result], NDArray[np.int64]]:
+    """Deal lanes out to threads.
 
     Args:
         count: How many lanes.
-        workers: How many threads at most.
-        work: Runs some of the lanes; returns their outcomes and the physics steps they took.
+        workers: How many threads at most; None: one for each core.
+        work: Runs some of the lanes.
 
     Returns:
-        All outcomes, in the order of the lanes, without traces; and all physics steps.
+        What it gave for each share, and where each lane stands when the shares are put one after the other, shape
+        (count,).
     """
     # Dealt out in turn: neighbours are often of one program, and fall, or do not, together.
-    workers = min(workers, count)
+    workers = min(workers or len(os.sched_getaffinity(0)), count)
     shares = [slice(first, None, workers) for first in range(workers)]
-    if len(shares) == 1:
-        results = [work(shares[0])]
-    else:
-        with ThreadPoolExecutor(len(shares)) as pool:
-            results = list(pool.map(work, shares))
-    dealt = np.concatenate([np.arange(count)[share] for share in shares])
-    outcomes = [outcome for outcome, _ in results]
-    return joined(outcomes).take(np.argsort(dealt)), sum(steps for _, steps in results)
+    order = np.argsort(np.concatenate([np.arange(count)[share] for share in shares]))
+    if workers == 1:
+        return [work(shares[0])], order
+    with ThreadPoolExecutor(workers) as pool:
+        return list(pool.map(work, shares)), order

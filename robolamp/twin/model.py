@@ -110,6 +110,11 @@ class TwinModel:
     pole_sensor: int | None = None
 
     @property
+    def driven(self) -> Lamp:
+        """What controllers drive."""
+        return self.lamp
+
+    @property
     def timestep(self) -> float:
         """Physics step [s]."""
         return float(self.model.opt.timestep)

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from robolamp.jit import njit
 from robolamp.twin.figure import FigureTwin
-from robolamp.twin.lanes import Lanes
-from robolamp.twin.trace import Trace
+from robolamp.twin.outcome import RunOutcome
 
 JUMP_AIR_TIME = 0.04
 """Shortest time that nothing carries a figure which counts as a jump [s]: chosen; their joints are rigid and do not
@@ -82,54 +81,39 @@ def _follow(
 
 
 @dataclass(frozen=True)
-class FigureOutcome(Lanes):
-    """What each lane's figure did; every array has shape (lanes,) unless it says otherwise.
+class FigureOutcome(RunOutcome):
+    """What each lane's figure did; see `RunOutcome` for what is told of any run.
 
     Attributes:
         goal: Distance of the goal at the start [m].
         direction: Its direction, from x towards y [rad].
-        duration: Time limit of the run [s].
         error: Distance of the root's centre from the goal, in the plane, at the end [m].
         nearest: Smallest such distance on the way [m].
         arrival: When it first came within the figure's radius [s]; NaN if it did not.
         idle: Time spent idle away from the goal [s], see `IDLE_SPEED`.
         collision: When what must not be touched was touched first [s]; NaN if it was not.
         tilt: Tilt of the root at the end [rad].
-        angles: Joint angles at the end, shape (lanes, n) [rad].
         velocities: Joint velocities at the end, shape (lanes, n) [rad/s].
         hops: Times that nothing carried the figure for 40 ms or longer: its jumps.
         aloft: Time spent in those [s].
         flight_gain: How much nearer to the goal they brought it, all together [m].
         goal_moved: How far the body at the goal was moved, in the plane, from the start to the end [m]; 0 for a point.
         goal_pulled: How much nearer that brought it to where the figure stood at the start [m].
-        unstable: The simulation diverged.
         within: Distance that counts as there [m].
         upright_tilt: Largest tilt that counts as upright [rad].
-        interventions: What the envelope changed.
-        trace: What the controllers saw and sent, where that was recorded.
     """
 
-    goal: NDArray[np.float64]
     direction: NDArray[np.float64]
-    duration: NDArray[np.float64]
     error: NDArray[np.float64]
-    nearest: NDArray[np.float64]
-    arrival: NDArray[np.float64]
     idle: NDArray[np.float64]
     collision: NDArray[np.float64]
-    tilt: NDArray[np.float64]
-    angles: NDArray[np.float64]
     velocities: NDArray[np.float64]
-    hops: NDArray[np.float64]
     aloft: NDArray[np.float64]
     flight_gain: NDArray[np.float64]
     goal_moved: NDArray[np.float64]
     goal_pulled: NDArray[np.float64]
-    unstable: NDArray[np.bool_]
     within: NDArray[np.float64]
     upright_tilt: NDArray[np.float64]
-    interventions: NDArray[np.int64]
-    trace: Trace | None = None
 
     @property
     def fallen(self) -> NDArray[np.bool_]:

@@ -25,7 +25,7 @@ from robolamp.calibration import Calibration, load_calibration
 from robolamp.controller.hops import shortest_flight
 from robolamp.errors import FileError, RobolampError
 from robolamp.log.reader import Run
-from robolamp.twin.model import build
+from robolamp.twin.model import Bend, build
 from tests.calibrate.sessions import ASSETS, LAMP, NOMINAL, recorded, short, steps
 
 REALITY = """
@@ -87,6 +87,16 @@ def test_lanes_do_not_touch_each_other(session: LampSession) -> None:
     assert (both[0] == simulate(recording, twins[:1]).angle[0]).all()
     assert (both[1] == simulate(recording, twins[1:]).angle[0]).all()
     assert not (both[0] == both[1]).all()
+
+
+def test_lamps_of_different_strength_in_one_call_do_what_each_does_alone(session: LampSession) -> None:
+    recording = next(each for each in session.recordings if each.name == "hop-15cm")  # its motors saturate
+    twins = [build(LAMP, NOMINAL, ASSETS, Bend(strength=strength)) for strength in (1.0, 1.1)]
+    both = simulate(recording, twins)
+    for lane, twin in enumerate(twins):
+        alone = simulate(recording, [twin])
+        np.testing.assert_array_equal(both.angle[lane], alone.angle[0])
+        np.testing.assert_array_equal(both.force[lane], alone.force[0])
 
 
 def test_the_weak_joint_is_found_and_the_others_left_alone(fit: LampFit) -> None:

@@ -92,3 +92,18 @@ def test_it_explains_itself_and_refuses_in_one_line(capsys: pytest.CaptureFixtur
         code, out, err = call(capsys, "explain", *words)
         assert (code, out, err.count("\n")) == (2, "", 1)
         assert message in err
+
+
+def test_a_figure_is_explained_in_its_task(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, err = call(capsys, "explain", "jumper", "--goals", "0.6,-0.8", "--duration", "0.5", "--json")
+    assert (code, err) == (0, "")
+    said = json.loads(out)
+    assert (said["controller"], said["ticks"]) == ("jumper", 50)
+    assert said["goals_m"] == pytest.approx([1.0])
+    assert [joint["joint"] for joint in said["joints"]] == ["bearing", "lower_leg", "upper_leg", "head"]
+    code, out, _ = call(capsys, "explain", "jumper", "--goals", "0.6,-0.8", "--duration", "0.5")
+    assert code == 0
+    assert "goal velocities in rad/s" in out
+    assert "50 ticks" in out
+    code, _, err = call(capsys, "explain", "jumper", "--goal-time", "1")
+    assert (code, err) == (2, "robolamp: --goal-time: is for the lamp alone; jumper drives jumper\n")

@@ -65,6 +65,6 @@ def test_compiled_envelope_is_the_same_to_the_bit(ticks: list[tuple[float, float
     envelope = Envelope(lower, upper, slews, 0.02, np.zeros((1, 3)))
     goal, interventions = np.zeros((1, 3)), np.zeros(1, np.int64)
     for wanted in ticks:
-        bound_lanes(np.array([wanted]), goal, lower, upper, slews * 0.02, interventions)
+        bound_lanes(np.zeros(1, np.int64), np.array([wanted]), goal, lower, upper, slews * 0.02, interventions)
         assert goal.tobytes() == envelope.apply(np.array([wanted])).tobytes()
     assert interventions == envelope.not_finite + envelope.limited + envelope.slewed

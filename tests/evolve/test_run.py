@@ -155,7 +155,7 @@ def test_more_lanes_than_fit_at_once_give_the_same(tmp_path: Path, monkeypatch: 
     tiny = task(tmp_path, ("count = 1", "count = 3"))
     genomes = [genome("0", "0", str(value / 10)) for value in range(5)]
     whole = score_of(tiny, genomes)
-    monkeypatch.setattr("robolamp.evolve.trial._LANES_AT_ONCE", 4)
+    monkeypatch.setattr("robolamp.twin.fleet._LANES_AT_ONCE", 4)
     parts = score_of(tiny, genomes)
     assert whole.main.tolist() == parts.main.tolist()
     assert whole.style.tolist() == parts.style.tolist()

@@ -13,10 +13,9 @@ from robolamp.assets import Assets
 from robolamp.controller.terminals import figure_terminals
 from robolamp.errors import FileError, RobolampError
 from robolamp.figure import Figure, figures, load_figure
-from robolamp.twin.arena import FigureFleet
-from robolamp.twin.figure import STATE, FigureTwin, World, build_figure
-from robolamp.twin.fleet import Job
-from robolamp.twin.playback import play_figure
+from robolamp.twin.figure import FigureTwin, World, build_figure
+from robolamp.twin.fleet import Fleet, Job
+from robolamp.twin.lanes import STATE
 from robolamp.twin.verdict import FigureOutcome, Verdict
 
 from .figures import ASSETS, JUMPER, SPIDER, program, sensed, twin
@@ -84,7 +83,7 @@ def test_motors_hold_a_figure_that_asks_for_nothing() -> None:
 
 def test_position_drive_goes_to_its_goals_and_stays_there() -> None:
     goals = ("0.8", "-0.2", "0.3", "-0.5")
-    outcome = FigureFleet([twin(drive="position")], PERIOD, 1).run([program(JUMPER, *goals)], [Job(0, 0, 1.0)], 1.5)
+    outcome = Fleet([twin(drive="position")], PERIOD, 1).run([program(JUMPER, *goals)], [Job(0, 0, 1.0)], 1.5)
     np.testing.assert_allclose(outcome.angles[0], [float(goal) for goal in goals], atol=0.02)
     assert np.abs(outcome.velocities).max() < 0.05
 
@@ -92,7 +91,7 @@ def test_position_drive_goes_to_its_goals_and_stays_there() -> None:
 def test_light_madzia_jumps_and_heavy_madzia_cannot() -> None:
     crouch_and_push = ["0", "(ifltz (- t 0.4) 1.2 (ifltz (- t 0.6) -10 0))", "(ifltz (- t 0.4) -0.5 0)"] * 4
     jumps = [
-        FigureFleet([twin(SPIDER, world=world)], PERIOD, 1)
+        Fleet([twin(SPIDER, world=world)], PERIOD, 1)
         .run([program(SPIDER, *crouch_and_push)], [Job(0, 0, 0.5)], 1.5, record=True)
         .trace
         for world in (World(), World(mass=0.35))
@@ -106,7 +105,7 @@ def test_light_madzia_jumps_and_heavy_madzia_cannot() -> None:
 def test_box_stands_at_the_goal_and_weighs_what_the_task_says() -> None:
     compiled = twin(SPIDER, world=World(goal_mass=20.0))
     assert compiled.model.body("box").mass[0] == 20.0
-    outcome = FigureFleet([compiled], PERIOD, 1).run([program(SPIDER)], [Job(0, 0, 0.6, direction=-1.0)], 0.2)
+    outcome = Fleet([compiled], PERIOD, 1).run([program(SPIDER)], [Job(0, 0, 0.6, direction=-1.0)], 0.2)
     assert outcome.goal[0] == pytest.approx(0.6, abs=1e-3)
     assert outcome.direction[0] == pytest.approx(-1.0, abs=1e-3)
     assert outcome.error[0] == pytest.approx(0.6, abs=2e-3)
@@ -115,7 +114,7 @@ def test_box_stands_at_the_goal_and_weighs_what_the_task_says() -> None:
 
 def test_terminals_are_told_in_the_directions_of_the_bearing() -> None:
     compiled = twin()
-    fleet = FigureFleet([compiled], PERIOD, 1)
+    fleet = Fleet([compiled], PERIOD, 1)
     names = figure_terminals(JUMPER)
     turn = program(JUMPER, "(* 20 (- 1 k0))")  # turns the bearing to the left by 1 rad, and keeps it there
     trace = fleet.run([turn], [Job(0, 0, 1.0, direction=1.0)], 2.0, record=True).trace
@@ -136,20 +135,18 @@ def test_lanes_are_the_same_on_any_number_of_threads_and_in_playback() -> None:
         for turn in (1.0, -2.0, 4.0)
     ]
     jobs = [Job(index % 3, 0, 1.0, direction=0.1 * index) for index in range(7)]
-    alone, shared = (
-        FigureFleet([compiled], PERIOD, workers).run(programs, jobs, 1.0, record=True) for workers in (1, 3)
-    )
+    alone, shared = (Fleet([compiled], PERIOD, workers).run(programs, jobs, 1.0, record=True) for workers in (1, 3))
     for name in ("error", "angles", "idle", "hops", "tilt", "interventions"):
         np.testing.assert_array_equal(getattr(alone, name), getattr(shared, name), err_msg=name)
     assert alone.trace is not None
     assert shared.trace is not None
     np.testing.assert_array_equal(alone.trace.inputs, shared.trace.inputs)
-    qpos = play_figure(compiled, jobs[4], alone.trace.goals[4], PERIOD)
+    qpos = Fleet([compiled], PERIOD).play(jobs[4], alone.trace.goals[4], 100)
     np.testing.assert_array_equal(qpos[-1, compiled.qpos], alone.angles[4])
 
 
 def test_outputs_that_are_no_numbers_or_too_fast_are_kept_from_the_motors() -> None:
-    fleet = FigureFleet([twin()], PERIOD, 1)
+    fleet = Fleet([twin()], PERIOD, 1)
     outcome = fleet.run([program(JUMPER, "(* 1e300 1e300)", "1000")], [Job(0, 0, 1.0)], 0.1, record=True)
     assert outcome.trace is not None
     assert outcome.trace.goals[0, :, 0].tolist() == [0.0] * 10
@@ -331,7 +328,7 @@ def test_unknown_figure_is_refused_with_the_known_ones() -> None:
 
 def test_period_must_be_a_whole_number_of_steps() -> None:
     with pytest.raises(RobolampError, match=r"0.015 s is not a whole number of physics steps of 0.01 s"):
-        FigureFleet([twin()], 0.015)
+        Fleet([twin()], 0.015)
 
 
 def test_shipped_models_are_their_descriptions() -> None:

@@ -12,9 +12,10 @@ from robolamp.controller.pilot import Pilot
 from robolamp.controller.program import compile_program
 from robolamp.errors import RobolampError
 from robolamp.signals import Command
-from robolamp.twin.fleet import SETTLE_TIME, Fleet, Job
+from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.judge import Outcome
 from robolamp.twin.lamp import TwinLamp
+from robolamp.twin.lamps import SETTLE_TIME
 from robolamp.twin.model import Bend, TwinModel
 from robolamp.twin.spread import load_spread
 

@@ -19,7 +19,6 @@ from robolamp.lamp import load_lamp
 from robolamp.twin.body import Body
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.model import Bend, TwinModel, build
-from robolamp.twin.playback import play
 
 Array = NDArray[np.float64]
 
@@ -120,7 +119,7 @@ def test_a_lane_of_the_fleet_is_its_playback_to_the_bit(calibration: Calibration
     assert traces[1]
     np.testing.assert_array_equal(traces[0].goals, traces[1].goals)
     ticks = int(traces[0].ticks[3])
-    seen = play(lamps[1], traces[0].goals[3], 0.02, ticks)
+    seen = Fleet(lamps, 0.02).play(jobs[3], traces[0].goals[3], ticks)
     body = Body(lamps[1])
     body.data.qpos[:] = seen[-1]
     np.testing.assert_array_equal(body.angle, runs[0].angles[3])

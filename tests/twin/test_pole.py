@@ -100,7 +100,7 @@ def test_a_lane_that_touches_is_told_and_goes_on() -> None:
 
 
 def test_a_fleet_has_poles_everywhere_or_nowhere() -> None:
-    with pytest.raises(ValueError, match="some lamps have a pole, some none"):
+    with pytest.raises(ValueError, match="the models differ in more than numbers"):
         Fleet([TWIN, with_pole(0.2, 0.2)], PERIOD, 1)
 
 

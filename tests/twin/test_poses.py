@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.playback import play
 from robolamp.twin.poses import KeyPose, PoseErrors
 
 from .parts import FALL, HEAVY, PERIOD, STAND, SWAY, TWIN, N, program, rows
@@ -20,7 +19,7 @@ def test_a_pose_is_judged_by_the_true_angles_at_its_time() -> None:
     outcome = FLEET.run(PROGRAMS, JOBS, 1.0, poses=poses, record=True)
     assert outcome.trace is not None
     for lane, twin in enumerate((TWIN, HEAVY, TWIN)):
-        angles = play(twin, outcome.trace.goals[lane], PERIOD, 50)[:, twin.qpos]
+        angles = FLEET.play(JOBS[lane], outcome.trace.goals[lane], 50)[:, twin.qpos]
         errors = [np.abs(angles[round(pose.time / PERIOD)] - pose.angles).mean() for pose in poses]
         assert outcome.pose_error[lane] == pytest.approx(np.mean(errors), abs=1e-12)
 

@@ -10,7 +10,6 @@ from robolamp.controller.program import Program
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.judge import Outcome
 from robolamp.twin.model import Bend
-from robolamp.twin.playback import play
 from robolamp.twin.trace import Trace, follows
 
 from .parts import FALL, HEAVY, LAMP, PERIOD, STAND, SWAY, TERMINALS, TWIN, N, bent, program, rows
@@ -145,7 +144,7 @@ def test_playback_is_the_lane_to_the_bit() -> None:
     for twin, goal in ((TWIN, 0.1), (HEAVY, 0.3)):
         fleet = Fleet([twin], PERIOD, 1)
         outcome = fleet.run([program(*SWAY)], [Job(0, 0, goal)], 1.0, record=True)
-        qpos = play(twin, trace_of(outcome).goals[0], PERIOD, 50)
+        qpos = fleet.play(Job(0, 0, goal), trace_of(outcome).goals[0], 50)
         assert qpos.shape == (51, TWIN.model.nq)
         assert qpos[-1, 0] == outcome.x[0]
         assert (qpos[-1, TWIN.qpos] == outcome.angles[0]).all()

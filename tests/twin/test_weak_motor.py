@@ -11,7 +11,7 @@ from robolamp.assets import Assets
 from robolamp.calibration import Calibration, Parameter, load_calibration
 from robolamp.lamp import load_lamp
 from robolamp.twin.body import Body
-from robolamp.twin.fleet import settle
+from robolamp.twin.lamps import settle
 from robolamp.twin.model import build
 
 ASSETS = Assets()
