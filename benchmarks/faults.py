@@ -32,7 +32,7 @@ from pathlib import Path
 
 import numpy as np
 
-from robolamp.cli.drive import Drive, VirtualTime, drive
+from robolamp.cli.drive import Drive, drive
 from robolamp.cli.emulating import InjectionLog
 from robolamp.cli.options import Setup
 from robolamp.dynamixel.registers import RAD_PER_COUNT, Name
@@ -43,6 +43,7 @@ from robolamp.emulator.packet import Instruction, Parser
 from robolamp.emulator.reality import load_reality
 from robolamp.errors import BusError
 from robolamp.log.reader import Run, read_run
+from robolamp.robot.connection import Connection
 from robolamp.runtime.health import FOOT_AGE
 from robolamp.runtime.stop import StopRequest
 
@@ -194,10 +195,9 @@ def one(job: tuple[str, int]) -> Outcome:
         with closing(InjectionLog(injected)) as report:
             world.injector.report = report.write
             ports = Lockstep(world, setup.lamp.bus_baud)
-            virtual = VirtualTime(ports.clock, 0)
             plan = Drive(setup, controller, GOAL, DURATION, "emulator", log, resume=resume)
             try:
-                result = drive(plan, ports.servo_port, ports.foot_port, StopRequest(), True, virtual)
+                result = drive(plan, Connection(ports.servo_port, ports.foot_port, ports.clock, 0), StopRequest(), True)
             except BusError as error:  # refused before torque went on
                 safe = not any(servo.register(Name.TORQUE_ENABLE) for servo in world.servos)
                 outcome = "stopped" if safe else "UNSAFE"

@@ -245,8 +245,8 @@ def run(setup: Setup, trial: Trial, folder: Path) -> tuple[Run, Truth]:
     log, truth = folder / "log.mcap", folder / "truth.mcap"
     plan, stop = Drive(setup, hop, trial.goal, DURATION, "emulator", log), Timed()
     with LockstepLamp(setup, trial.reality, trial.faults or Faults("none"), truth, None) as lamp:
-        stop.clock, stop.at = lamp.virtual.clock, trial.stop
-        drive(plan, lamp.servo_port, lamp.foot_port, stop, True, lamp.virtual)
+        stop.clock, stop.at = lamp.ports.clock, trial.stop
+        drive(plan, lamp.ports, stop, True)
     return kill(log) if trial.killed else read_run(log), read_truth(truth)
 
 

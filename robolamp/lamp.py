@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.assets import Assets
-from robolamp.errors import FileError
+from robolamp.errors import FileError, SafetyError
 from robolamp.files import Table, parse_toml, read_text, read_toml
 
 SERVO_MODELS = ("XL330-M288-T", "XL330-M077-T", "XL430-W250-T")
@@ -22,6 +22,9 @@ rebounds after a landing 0.044 to 0.056, and crouching unloads the foot for 0.04
 
 PREFLIGHT_ANGLE_MAX = 0.5
 """Largest `safety.preflight_angle` [rad]: a joint further outside its limits stands on its stops or is misdescribed."""
+
+
+_ROUNDING = 1e-9  # rad: a goal on its limit may be this far outside by rounding
 
 
 @dataclass(frozen=True)
@@ -119,6 +122,22 @@ class Lamp:
     def slew(self) -> NDArray[np.float64]:
         """Fastest changes of the goals, shape (n,) [rad/s]."""
         return np.array([joint.slew for joint in self.joints])
+
+    def check_goal(self, goal: NDArray[np.float64]) -> None:
+        """Refuse goals that the envelope would not have let through.
+
+        Args:
+            goal: Shape (n,) [rad].
+
+        Raises:
+            SafetyError: One is not finite or outside its joint's limits.
+        """
+        for joint, value in zip(self.joints, goal, strict=True):
+            if not joint.lower - _ROUNDING <= value <= joint.upper + _ROUNDING:  # NaN is outside too
+                raise SafetyError(
+                    f"goal {value:g} rad of {joint.name} is not from {joint.lower:g} to {joint.upper:g} rad",
+                    str(self.path),
+                )
 
     @property
     def rest(self) -> NDArray[np.float64]:

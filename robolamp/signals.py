@@ -7,6 +7,7 @@ physical or emulated). The loop, the log and the controllers know this module on
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -124,6 +125,21 @@ class Clock(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class ServoTraits:
+    """What a run must know of a lamp's servos, whoever made them.
+
+    Attributes:
+        lowest_voltage: Supply below which each is not meant to work, shape (n,) [V].
+        tick_time: How long a reading and goals for all are on their line [s]; 0: there is none.
+        error_words: Says in words what the bits of `Health.hardware_error` mean.
+    """
+
+    lowest_voltage: Array
+    tick_time: float = 0.0
+    error_words: Callable[[int], str] = hex
+
+
 class LampBackend(Protocol):
     """A lamp that a controller can drive, real or simulated.
 
@@ -138,6 +154,11 @@ class LampBackend(Protocol):
     @property
     def clock(self) -> Clock:
         """The clock that observations are stamped with."""
+        ...
+
+    @property
+    def traits(self) -> ServoTraits:
+        """What its servos are like."""
         ...
 
     def open(self) -> None:
@@ -172,6 +193,65 @@ class LampBackend(Protocol):
     def close(self) -> None:
         """Turn torque off and let go of everything. May be called twice."""
         ...
+
+
+class LampProxy:
+    """A lamp backend that passes everything on to another; its heirs step in where they have something to do.
+
+    Args:
+        backend: The lamp.
+    """
+
+    def __init__(self, backend: LampBackend) -> None:
+        self._backend = backend
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joint names, from the foot up."""
+        return self._backend.joints
+
+    @property
+    def clock(self) -> Clock:
+        """The clock that observations are stamped with."""
+        return self._backend.clock
+
+    @property
+    def traits(self) -> ServoTraits:
+        """What its servos are like."""
+        return self._backend.traits
+
+    def open(self) -> None:
+        """Open the lamp.
+
+        Raises:
+            BusError: A port does not exist or does not answer, or a servo is missing.
+            SafetyError: The lamp is in no state to be moved.
+        """
+        self._backend.open()
+
+    def torque(self, on: bool) -> None:
+        """Turn torque on or off.
+
+        Raises:
+            BusError: A servo could not be turned on.
+        """
+        self._backend.torque(on)
+
+    def observe(self) -> Observation:
+        """Read every sensor once."""
+        return self._backend.observe()
+
+    def command(self, command: Command) -> None:
+        """Send goals.
+
+        Raises:
+            SafetyError: A goal is not finite or outside the joint's limits.
+        """
+        self._backend.command(command)
+
+    def close(self) -> None:
+        """Turn torque off and let go of everything."""
+        self._backend.close()
 
 
 @dataclass

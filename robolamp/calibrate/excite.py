@@ -18,7 +18,7 @@ from robolamp.controller.hops import SignalLimits
 from robolamp.controller.pilot import PilotStep
 from robolamp.controller.terminals import Signals
 from robolamp.lamp import Lamp
-from robolamp.signals import Interventions, Observation
+from robolamp.signals import Observation
 
 Array = NDArray[np.float64]
 Signal = Callable[[float], float]
@@ -128,7 +128,7 @@ class ExcitationPilot:
         n = len(lamp.joints)
         self._excitation = excitation
         self.control_period = excitation.period
-        self._envelope = Envelope(lamp.lower, lamp.upper, lamp.slew, excitation.period, np.zeros((1, n)))
+        self._envelope = Envelope(lamp.lower, lamp.upper, lamp.slew, excitation.period, np.zeros(n))
         self._contact = Signals(1, n, SignalLimits.of(lamp, excitation.period), ())
         self._nowhere = np.zeros(1)
 
@@ -141,13 +141,12 @@ class ExcitationPilot:
         """
         self._contact.update(observation.angle[None], np.array([observation.foot_force]), self._nowhere)
         wanted = self._excitation.goal(time)
-        goal = self._envelope.apply(wanted[None])[0]
-        envelope = self._envelope
+        goal = self._envelope.apply(wanted)
         return PilotStep(
             inputs=np.empty(0),
             outputs=wanted,
-            goal=goal.copy(),
+            goal=goal,
             hops=int(self._contact.hops[0]),
             contact=bool(self._contact.contact[0]),
-            interventions=Interventions(int(envelope.not_finite[0]), int(envelope.limited[0]), int(envelope.slewed[0])),
+            interventions=self._envelope.interventions,
         )

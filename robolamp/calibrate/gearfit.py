@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.calibrate.solve import Robust, Solution, covariance, minimise, residuals, slopes
+from robolamp.calibrate.least_squares import Robust
+from robolamp.calibrate.solve import OUTLIER, Solution, covariance, minimise, residuals, slopes
 from robolamp.calibrate.unknowns import MOST, Unknown
 from robolamp.calibration import LAMP
 
@@ -109,7 +110,7 @@ class _Search:
         self, errors: ErrorsOf, rigid: tuple[Unknown, ...], found: Solution, gears: tuple[Unknown, ...]
     ) -> None:
         self._errors, self._asked, self._gears = errors, rigid + gears, len(gears)
-        self._z, self._norm = found.z, Robust(len(rigid))
+        self._z, self._norm = found.z, Robust(len(rigid), OUTLIER)
         self._slopes = slopes(found.shots)
 
     def run(self, told: Callable[[str], None]) -> _Tried:

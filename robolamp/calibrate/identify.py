@@ -1,25 +1,18 @@
-"""One fit: nonlinear least squares over recordings, robust, with priors, and what it leaves uncertain.
+"""One fit of a servo: robust least squares over recordings of its bench, and what it leaves uncertain.
 
-    sum over samples of w delta^2 (sqrt(1 + (r / delta)^2) - 1) / s^2  +  1/2 sum z^2
-
-with residuals r [rad] and parameters z in standard deviations of their priors. Residuals of neighbouring samples say
-the same, so that a recording counts as its duration by their correlation time.
-
-`mujoco.minimize.least_squares` does it: bounded, and its Jacobian may be computed for all columns at once. scipy would
-be one more dependency.
+Residuals of neighbouring samples say the same, so that a recording counts as its duration by their correlation time.
 """
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import mujoco.minimize
 import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.calibrate.ladder import Chart
+from robolamp.calibrate.least_squares import Robust, correlation_length, posterior, search
 from robolamp.calibrate.pendulum import Pendulum, parameter_set
 from robolamp.dynamixel.registers import VOLTAGE_UNIT
 
@@ -73,28 +66,6 @@ class Solution:
         return self.chart.complete(self.z)
 
 
-class _Norm(mujoco.minimize.Norm):
-    """Robust over the first samples of a residual vector, quadratic over the priors behind them."""
-
-    def __init__(self, weights: Array) -> None:
-        self._weights = weights[:, None]
-        self._delta = _ROBUST
-
-    def value(self, r: Array) -> np.float64:
-        data, prior = r[: len(self._weights)], r[len(self._weights) :]
-        cost = self._delta**2 * (np.sqrt(1.0 + (data / self._delta) ** 2) - 1.0)
-        return np.float64((self._weights * cost).sum() + 0.5 * (prior * prior).sum())
-
-    def grad_hess(self, r: Array, proj: Array) -> tuple[Array, Array]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        weights = np.ones_like(r)
-        weights[: len(self._weights)] = self.slack(r[: len(self._weights)])
-        return proj.T @ (weights * r), proj.T @ (weights * proj)
-
-    def slack(self, data: Array) -> Array:
-        """Return the weight of each residual: near 0 where it is far beyond delta."""
-        return self._weights / np.sqrt(1.0 + (data / self._delta) ** 2)
-
-
 class Problem:
     """Recordings to explain, of which a fit may see a part.
 
@@ -125,7 +96,7 @@ class Problem:
         """
         drawn = np.clip(rng.standard_normal((_DRAWN, len(chart.names))), -_FARTHEST, _FARTHEST)
         drawn = np.clip(drawn, chart.low, chart.high)
-        norm = _Norm(self._weights(np.full(len(self._length), CORRELATION_TIME)))
+        norm = self._norm(chart, np.full(len(self._length), CORRELATION_TIME))
         found = []
         for part in np.array_split(drawn, _DRAWN // 16):  # no more errors in memory at once than a fit's
             for errors, z in zip(self._errors(chart, part), part, strict=True):
@@ -148,14 +119,14 @@ class Problem:
             fine = self._minimum(chart, solution.z, size, left, iterations, _STEPS)
             residuals = np.concatenate([self._errors(chart, fine.z[None])[0] / SCALE, fine.z])
             # Solutions of several starts are compared: all by the same measure.
-            return replace(fine, objective=float(_Norm(self._weights(correlation)).value(residuals[:, None])))
+            return replace(fine, objective=float(self._norm(chart, correlation).value(residuals[:, None])))
         return self._minimum(chart, begin, SCALE, correlation, iterations, _WIDE)
 
     def _minimum(
         self, chart: Chart, start: Array, scale: float, correlation: Array, iterations: int, steps: Sequence[float]
     ) -> Solution:
         """Minimise the objective with residuals measured in `scale` [rad], slopes with each of `steps` in turn."""
-        norm = _Norm(self._weights(correlation))
+        norm = self._norm(chart, correlation)
 
         def residual(z: Array) -> Array:
             return np.vstack([self._errors(chart, z[:, 0][None]).T / scale, z])
@@ -166,18 +137,7 @@ class Problem:
         z, objective = start, np.inf
         for step in steps:  # over the same valley with another slope
             self._step = step
-            found, _ = mujoco.minimize.least_squares(
-                z,
-                residual,
-                bounds=[chart.low, chart.high],
-                jacobian=jacobian,
-                norm=norm,
-                max_iter=iterations,
-                xtol=1e-4,
-                verbose=mujoco.minimize.Verbosity.SILENT,
-                output=io.StringIO(),
-            )
-            z = np.asarray(found, np.float64).reshape(-1)
+            z = search(z, residual, jacobian, norm, (chart.low, chart.high), iterations, xtol=1e-4)
             before, objective = objective, float(norm.value(residual(z[:, None])))
             if objective > _ENOUGH * before:
                 break
@@ -215,12 +175,13 @@ class Problem:
         errors = self._errors(chart, np.vstack([up, down]))
         return ((errors[: len(z)] - errors[len(z) :]) / np.diag(up - down)[:, None]).T
 
-    def _weights(self, correlation: Array) -> Array:
+    def _norm(self, chart: Chart, correlation: Array) -> Robust:
+        """Return what is minimised, by each recording's correlation time, shape (k,) [s]."""
         parts = [
             np.full(length, max(duration / time, 1.0) / length)
             for length, duration, time in zip(self._length, self._duration, correlation, strict=True)
         ]
-        return np.concatenate(parts)
+        return Robust(len(chart.names), _ROBUST, np.concatenate(parts)[:, None])
 
     def _covariance(self, chart: Chart, z: Array) -> Array:
         """Return the covariance at a solution, from the residuals' own size and correlation.
@@ -228,29 +189,16 @@ class Problem:
         The supply counts as one more unknown that all recordings share: it is read in steps.
         """
         size, correlation = self._left(chart, z)
-        norm = _Norm(self._weights(correlation))
+        norm = self._norm(chart, correlation)
         low, high = (self._errors(chart, z[None], sign * _SUPPLY)[0] for sign in (-1.0, 1.0))
         slopes = np.column_stack([self._slopes(chart, z), (high - low) / 2]) / size
-        information = slopes.T @ (norm.slack(self._errors(chart, z[None]).T / size) * slopes)
-        return np.linalg.inv(information + np.eye(len(z) + 1))[:-1, :-1].astype(np.float64)
+        return posterior(slopes, norm.slack(self._errors(chart, z[None]).T / size)[:, 0])[:-1, :-1]
 
     def _left(self, chart: Chart, z: Array) -> tuple[float, Array]:
         """Return the residuals' root mean square [rad], and each recording's correlation time, shape (k,) [s]."""
         errors = self._errors(chart, z[None])[0]
         times = [
-            max(_correlated(part) * duration / len(part), _ALIKE)
+            max(correlation_length(part) * duration / len(part), _ALIKE)
             for part, duration in zip(np.split(errors, np.cumsum(self._length)[:-1]), self._duration, strict=True)
         ]
         return max(float(np.sqrt(np.mean(errors**2))), _FLOOR), np.array(times)
-
-
-def _correlated(errors: Array) -> float:
-    """Return for how many samples errors resemble each other: 1 + 2 sum of autocorrelations to the first below 0.05."""
-    centred = errors - errors.mean()
-    power = np.fft.rfft(centred, 2 * len(centred))
-    correlation = np.fft.irfft(power * np.conj(power))[: len(centred)]
-    if correlation[0] <= 0:
-        return 1.0
-    correlation /= correlation[0]
-    below = np.flatnonzero(correlation < 0.05)
-    return float(1.0 + 2.0 * correlation[1 : below[0] if len(below) else len(correlation)].sum())

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 import tomlkit
-from tomlkit.items import InlineTable, Table
+from tomlkit.items import Table
 
 from robolamp.assets import bare_name
+from robolamp.calibrate.file_tables import covariance_table, lines, parameter_row, rounded, row
 from robolamp.calibrate.findings import findings, verdict
 from robolamp.calibrate.lampfit import LampFit
 from robolamp.calibrate.session import LampSession
@@ -21,7 +22,6 @@ from robolamp.files import write_atomic
 from robolamp.lamp import Lamp
 from robolamp.log.context import versions
 
-_DIGITS = 6  # significant digits: a hundredth of any standard error here
 _SOURCES = {
     "line_delay": "median of tick begin to goals sent, by the log's stamps",
     "supply_voltage": "median of what the servos read",
@@ -70,28 +70,30 @@ def lamp_file(name: str, fit: LampFit, session: LampSession, lamp: Lamp, base: C
         found, before = fit.lamp.get(key), base.groups["lamp"].get(key)
         if found:
             source = f"{_SOURCES[key]}; {session.folder.name}"
-            whole.add(key, _inline(Parameter(_rounded(found[0]), LAMP[key].unit, _error(found[1]), source)))
+            whole.add(key, parameter_row(Parameter(rounded(found[0]), LAMP[key].unit, _error(found[1]), source)))
         elif before:
-            whole.add(key, _inline(before))
+            whole.add(key, parameter_row(before))
     document.add("lamp", whole)
     servos = tomlkit.table(is_super_table=True)
     for model in dict.fromkeys(joint.servo for joint in lamp.joints):
         servo = tomlkit.table()
         for key, parameter in base.groups.get(model, {}).items():
-            servo.add(key, _inline(parameter))
+            servo.add(key, parameter_row(parameter))
         servos.add(model, servo)
     document.add("servo", servos)
     joints = tomlkit.table(is_super_table=True)
     for joint in lamp.joints:
         own = tomlkit.table()
         for key, parameter in base.groups.get(f"joint {joint.name}", {}).items():
-            own.add(key, _inline(parameter))
+            own.add(key, parameter_row(parameter))
         for index, unknown in enumerate(fit.asked):
             if unknown.joint == joint.name and fit.identified(index):
                 z = float(fit.z[index])
                 error = unknown.stderr(z, float(fit.sigma[index]))
                 source = f"fitted to {len(fit.trained)} recordings; {session.folder.name}"
-                own[unknown.name] = _inline(Parameter(_rounded(unknown.value(z)), unknown.unit, _error(error), source))
+                own[unknown.name] = parameter_row(
+                    Parameter(rounded(unknown.value(z)), unknown.unit, _error(error), source)
+                )
         joints.add(joint.name, own)
     document.add("joint", joints)
     return tomlkit.dumps(document)
@@ -111,7 +113,7 @@ def _provenance(fit: LampFit, session: LampSession, lamp: Lamp, base: Calibratio
     table.add("base_sha256", base.hash)
     table.add("versions", versions())
     table.add("verdict", judged.text)
-    table.add("findings", _lines(findings(fit, session, lamp, base)))
+    table.add("findings", lines(findings(fit, session, lamp, base)))
     for key, value in (
         ("held_out_mae_before", judged.held_out[0]),
         ("held_out_mae", judged.held_out[1]),
@@ -119,15 +121,15 @@ def _provenance(fit: LampFit, session: LampSession, lamp: Lamp, base: Calibratio
         ("hop_time_error", judged.time),
     ):
         if math.isfinite(value):
-            table.add(key, _rounded(value))
-    recordings = tomlkit.array().multiline(True)
+            table.add(key, rounded(value))
+    recordings = []
     for recording in session.recordings:
-        row: dict[str, Any] = {"file": f"{recording.name}.mcap", "sha256": recording.sha256}
+        said: dict[str, Any] = {"file": f"{recording.name}.mcap", "sha256": recording.sha256}
         if recording.name in fit.mae:
             before, after = fit.mae[recording.name]
-            row |= {"fitted": recording.name in fit.trained, "mae_before": _rounded(before), "mae": _rounded(after)}
-        recordings.append(_table(row))
-    table.add("recordings", recordings)
+            said |= {"fitted": recording.name in fit.trained, "mae_before": rounded(before), "mae": rounded(after)}
+        recordings.append(row(said))
+    table.add("recordings", lines(recordings))
     table.add("covariance", _covariance(fit))
     return table
 
@@ -140,39 +142,9 @@ def _covariance(fit: LampFit) -> Table:
     known = [index for index, unknown in enumerate(fit.asked) if fit.identified(index) and unknown.name not in GEARS]
     errors = np.array([fit.asked[i].stderr(float(fit.z[i]), float(fit.sigma[i])) for i in known])
     matrix = fit.correlation[np.ix_(known, known)] * np.outer(errors, errors)
-    table = tomlkit.table()
-    table.add("parameters", _lines([fit.asked[index].label for index in known]))
-    rows = tomlkit.array().multiline(True)
-    for row in matrix:
-        rows.append([_rounded(float(value)) for value in row])
-    table.add("matrix", rows)
     at_bound = [unknown.label for index, unknown in enumerate(fit.asked) if abs(fit.z[index]) >= 0.98 * MOST]
-    table.add("at_bound", at_bound)
-    return table
-
-
-def _lines(texts: list[str]) -> Any:
-    array = tomlkit.array().multiline(True)
-    array.extend(texts)
-    return array
-
-
-def _table(values: dict[str, Any]) -> InlineTable:
-    table = tomlkit.inline_table()
-    table.update(values)
-    return table
-
-
-def _inline(parameter: Parameter) -> InlineTable:
-    values: dict[str, Any] = {"value": parameter.value, "unit": parameter.unit}
-    if parameter.stderr is not None:
-        values["stderr"] = parameter.stderr
-    return _table({**values, "source": parameter.source})
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.{_DIGITS}g}")
+    return covariance_table([fit.asked[index].label for index in known], matrix, at_bound)
 
 
 def _error(value: float) -> float | None:
-    return _rounded(value) if math.isfinite(value) else None
+    return rounded(value) if math.isfinite(value) else None

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,49 +16,32 @@ from robolamp.calibrate.procedure import WEIGH, Step
 from robolamp.calibration import Calibration
 from robolamp.controller.file import load_controller
 from robolamp.controller.pilot import Pilot
-from robolamp.dynamixel.bus import PATIENCE, SETTING_PATIENCE, Port
 from robolamp.errors import FileError, SafetyError
 from robolamp.files import alone, partial, sha256, suffix_of
-from robolamp.foot.sensor import ByteSource
 from robolamp.lamp import Lamp
-from robolamp.log.context import run_context, settings_context
-from robolamp.log.schemas import ANSWER_WIRE
-from robolamp.log.writer import LogWriter
-from robolamp.robot.lamp import RobotLamp
-from robolamp.runtime.loop import TORQUE_ON, run
+from robolamp.log.context import run_context
+from robolamp.robot.connection import Connection
+from robolamp.runtime.recording import Audience, RunLog, record_run
 from robolamp.runtime.result import RunResult
 from robolamp.runtime.stop import StopRequest
-from robolamp.signals import Clock, Tick
 
 _UNFINISHED = ".part"  # suffix of a log that is being written
 
 
 @dataclass(frozen=True)
-class Connection:
-    """A lamp's ports, and the time that passes at them.
+class StepConnection(Connection):
+    """A lamp's ports, and what is known of it besides.
 
     Attributes:
-        servo_port: Of the servo bus: a path, or a port object.
-        foot_port: Of the foot sensor: a path, or a port object; None: there is none, as on a servo's bench.
-        clock: The time at the ports.
-        epoch: Nanoseconds since the epoch at a virtual clock's 0; None: real time.
-        patience: How long an answer may be late before it is a gap [s].
-        opening: The same while the lamp is opened and its torque turned on [s].
         travelled: Returns how far the base went [m], where something but a ruler knows; else None.
         mass: Of the whole lamp [kg], where something but a scale knows.
     """
 
-    servo_port: str | Port
-    foot_port: str | ByteSource | None
-    clock: Clock
-    epoch: int | None = None
-    patience: float = PATIENCE
-    opening: float = SETTING_PATIENCE
     travelled: Callable[[], float] | None = None
     mass: float | None = None
 
 
-Connect = Callable[[Step], AbstractContextManager[Connection]]
+Connect = Callable[[Step], AbstractContextManager[StepConnection]]
 """Gives the lamp for one step, and takes it back."""
 
 
@@ -186,10 +169,10 @@ def _record_step(
     lamp, final = step.lamp(session.lamp), session.folder / f"{step.name}.mcap"
     pilot, source = _pilot(session, step, lamp)
     with partial(final, final.name + _UNFINISHED) as part, connect(step) as ports:
-        result, ended_early = _play(session, step, lamp, pilot, source, ports, part, say)
+        result = _play(session, step, lamp, pilot, source, ports, part, say)
         told(step, result)
-        if ended_early:
-            raise FileError(f"the log ended early: {ended_early}", str(part))
+        if result.log_error:
+            raise FileError(f"the log ended early: {result.log_error}", str(part))
         if result.ended != "finished":
             raise SafetyError(f"{result.ended}: {result.reason}; start again to go on with this step", step.name)
         travel = None
@@ -218,15 +201,12 @@ def _play(
     lamp: Lamp,
     pilot: Pilot | ExcitationPilot,
     source: str,
-    ports: Connection,
+    ports: StepConnection,
     path: Path,
     say: Callable[[str], None],
-) -> tuple[RunResult, str]:
-    """Return how the run went, and why its log ended early; empty where it did not."""
-    robot = RobotLamp(
-        lamp, ports.servo_port, ports.foot_port, ports.clock,
-        patience=ports.patience, opening=ports.opening, fix=session.fix,
-    )  # fmt: skip
+) -> RunResult:
+    """Return how the run went."""
+    robot = ports.robot(lamp, fix=session.fix)
     context = run_context(
         backend=session.source.split()[0],
         lamp=session.lamp,
@@ -240,26 +220,14 @@ def _play(
     context["step"] = step.name
     context["clamped"] = "yes" if step.clamped else "no"
     context["position_p_gain"] = " ".join(str(joint.position_p_gain) for joint in lamp.joints)
-    try:
-        robot.open()
+
+    @contextmanager
+    def audience() -> Iterator[Audience]:
         for text in robot.mended:
             say(f"mended: {text}")
-        context[ANSWER_WIRE] = repr(robot.answer_wire_time)
-        virtual = ports.epoch is not None
-        with LogWriter(path, context=context, joints=lamp.names, epoch=ports.epoch, lossless=virtual) as log:
+        yield Audience()
 
-            def event(level: str, text: str) -> None:
-                log.event(level, text, ports.clock.now())
-                if text == TORQUE_ON:
-                    log.context(settings_context(robot.settings()))
-
-            def tick(entry: Tick) -> None:
-                log.tick(entry)
-
-            result = run(
-                robot, pilot, lamp, period=pilot.control_period, duration=step.duration,
-                on_tick=tick, on_event=event, stop=session.stop, limp=step.limp, clamped=step.clamped,
-            )  # fmt: skip
-    finally:
-        robot.close()
-    return result, log.error
+    return record_run(
+        robot, pilot, lamp, RunLog(path, context, ports.epoch), duration=step.duration, stop=session.stop,
+        inspected=robot, audience=audience, limp=step.limp, clamped=step.clamped,
+    )  # fmt: skip

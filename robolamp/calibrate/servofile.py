@@ -11,13 +11,12 @@ import tomlkit
 from tomlkit.items import InlineTable, Table
 
 from robolamp.assets import bare_name
+from robolamp.calibrate.file_tables import covariance_table, lines, parameter_row, rounded, row
 from robolamp.calibrate.fit import ServoFit, advice
 from robolamp.calibrate.score import BENCH
 from robolamp.calibration import JOINT, SERVO, Parameter
 from robolamp.files import write_atomic
 from robolamp.log.context import versions
-
-_DIGITS = 6  # significant digits: a hundredth of any standard error here
 
 
 def write_servo_file(path: Path, fit: ServoFit, *, by: str = "", date: str = "") -> None:
@@ -44,7 +43,7 @@ def servo_file(name: str, fit: ServoFit, *, by: str = "", date: str = "") -> str
     document.add("provenance", _provenance(fit, by, date))
     lamp = tomlkit.table()
     for key, parameter in fit.base.groups["lamp"].items():
-        lamp.add(key, _inline(parameter))
+        lamp.add(key, parameter_row(parameter))
     document.add("lamp", lamp)
     values = fit.solution.values
     servo = tomlkit.table()
@@ -54,9 +53,9 @@ def servo_file(name: str, fit: ServoFit, *, by: str = "", date: str = "") -> str
             servo.add(key, _fitted(fit, key, values[key]))
         elif legal.default is None and (before is None or values[key] != before.value):
             off = "off: the left-out recordings were not predicted better with it"
-            servo.add(key, _inline(Parameter(values[key], legal.unit, None, off)))
+            servo.add(key, parameter_row(Parameter(values[key], legal.unit, None, off)))
         elif before is not None:
-            servo.add(key, _inline(before))
+            servo.add(key, parameter_row(before))
     servos = tomlkit.table(is_super_table=True)
     servos.add(fit.servo, servo)
     document.add("servo", servos)
@@ -72,14 +71,14 @@ def _fitted(fit: ServoFit, name: str, value: float) -> InlineTable:
     legal = {**SERVO, **JOINT}[name]
     if fit.identified(name):
         parameter = Parameter(
-            _rounded(value), legal.unit, _rounded(fit.stderr[name]), f"fitted to {len(fit.recordings)} recordings", True
+            rounded(value), legal.unit, rounded(fit.stderr[name]), f"fitted to {len(fit.recordings)} recordings", True
         )
     elif name in fit.at_bound:
-        parameter = Parameter(_rounded(value), legal.unit, None, "fitted: at its bound", False)
+        parameter = Parameter(rounded(value), legal.unit, None, "fitted: at its bound", False)
     else:
         source = f"not determined by the recordings: its prior, from {fit.base.name}"
-        parameter = Parameter(_rounded(value), legal.unit, None, source, False)
-    return _inline(parameter)
+        parameter = Parameter(rounded(value), legal.unit, None, source, False)
+    return parameter_row(parameter)
 
 
 def _provenance(fit: ServoFit, by: str, date: str) -> Table:
@@ -93,22 +92,22 @@ def _provenance(fit: ServoFit, by: str, date: str) -> Table:
     table.add("base", fit.base.name)
     table.add("base_sha256", fit.base.hash)
     table.add("versions", versions())
-    table.add("mae", _rounded(float(fit.mae.mean())))
+    table.add("mae", rounded(float(fit.mae.mean())))
     if math.isfinite(fit.left_out_mae):
-        table.add("left_out_mae", _rounded(fit.left_out_mae))
-    table.add("findings", _lines(advice(fit)))
-    ladder = tomlkit.array().multiline(True)
+        table.add("left_out_mae", rounded(fit.left_out_mae))
+    table.add("findings", lines(advice(fit)))
+    rungs = []
     for each in fit.ladder:
-        row: dict[str, Any] = {"name": each.rung.name, "kept": each.kept, "mae": _rounded(each.mae)}
+        rung: dict[str, Any] = {"name": each.rung.name, "kept": each.kept, "mae": rounded(each.mae)}
         if math.isfinite(each.left_out_mae):
-            row["left_out_mae"] = _rounded(each.left_out_mae)
-        ladder.append(_table(row))
-    table.add("ladder", ladder)
-    recordings = tomlkit.array().multiline(True)
-    for recording, mae in zip(fit.recordings, fit.mae, strict=True):
-        row = {"file": recording.name, "sha256": recording.sha256, "fitted": True, "mae": _rounded(float(mae))}
-        recordings.append(_table(row))
-    table.add("recordings", recordings)
+            rung["left_out_mae"] = rounded(each.left_out_mae)
+        rungs.append(row(rung))
+    table.add("ladder", lines(rungs))
+    recordings = [
+        row({"file": recording.name, "sha256": recording.sha256, "fitted": True, "mae": rounded(float(mae))})
+        for recording, mae in zip(fit.recordings, fit.mae, strict=True)
+    ]
+    table.add("recordings", lines(recordings))
     table.add("covariance", _covariance(fit))
     return table
 
@@ -119,36 +118,4 @@ def _covariance(fit: ServoFit) -> Table:
     known = [index for index, name in enumerate(names) if fit.identified(name)]
     slope = fit.solution.chart.slope(fit.solution.z)
     matrix = (fit.solution.covariance * np.outer(slope, slope))[np.ix_(known, known)]
-    table = tomlkit.table()
-    table.add("parameters", _lines([names[index] for index in known]))
-    rows = tomlkit.array().multiline(True)
-    for row in matrix:
-        rows.append([_rounded(float(value)) for value in row])
-    table.add("matrix", rows)
-    table.add("at_bound", fit.at_bound)
-    return table
-
-
-def _lines(texts: list[str]) -> Any:
-    array = tomlkit.array().multiline(True)
-    array.extend(texts)
-    return array
-
-
-def _table(values: dict[str, Any]) -> InlineTable:
-    table = tomlkit.inline_table()
-    table.update(values)
-    return table
-
-
-def _inline(parameter: Parameter) -> InlineTable:
-    values: dict[str, Any] = {"value": parameter.value, "unit": parameter.unit}
-    if parameter.stderr is not None:
-        values["stderr"] = parameter.stderr
-    if parameter.identified is not None:
-        values["identified"] = parameter.identified
-    return _table({**values, "source": parameter.source})
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.{_DIGITS}g}")
+    return covariance_table([names[index] for index in known], matrix, fit.at_bound)

@@ -1,13 +1,11 @@
-"""Nonlinear least squares over recordings, open loop, with each unknown's prior as one more residual.
+"""One fit of a lamp: robust least squares over its recordings, open loop, and what it leaves uncertain.
 
-Unknowns are in standard deviations of their priors throughout, so what the recordings do not tell stays where it was.
-Finite differences run as lanes of one batch (`robolamp.calibrate.whole`), for which `mujoco.minimize.least_squares` is
-made; the differences around the last step serve for the standard errors, too.
+Finite differences run as lanes of one batch (`robolamp.calibrate.whole`); those around the last step serve for the
+standard errors, too.
 """
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,7 +14,7 @@ import mujoco.minimize
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.calibrate.supply import correlation_time
+from robolamp.calibrate.least_squares import Robust, correlation_length, posterior, search
 from robolamp.calibrate.unknowns import MOST
 
 Array = NDArray[np.float64]
@@ -30,7 +28,9 @@ NOISE = 0.010
 STEP = 0.05
 """Of finite differences, in standard deviations of the prior: well above what friction makes rough."""
 
-_OUTLIER = 5.0  # a residual of so many NOISE counts as an outlier
+OUTLIER = 5.0
+"""A residual of so many NOISE counts as an outlier: beyond it the cost grows but linearly."""
+
 _EVERY = 2  # every second sample counts: neighbours say the same
 _WORTH = 0.01  # share of the cost that a step must save for another to follow
 _DAMPING = (1.0, 1e6)  # least and most of Levenberg and Marquardt's parameter: from as strong as the priors on
@@ -70,7 +70,7 @@ def minimise(errors: Errors, start: Array, iterations: int, told: Callable[[floa
         told: Called with the cost before each step.
     """
     m = len(start)
-    norm = Robust(m)
+    norm = Robust(m, OUTLIER)
     best = math.inf, start
     around: list[Array] = []
     fresh = False
@@ -99,10 +99,9 @@ def minimise(errors: Errors, start: Array, iterations: int, told: Callable[[floa
 
     bound = np.full(m, MOST)
     try:
-        mujoco.minimize.least_squares(
-            start, residual, jacobian=jacobian, bounds=[-bound, bound], norm=norm, max_iter=iterations,
+        search(
+            start, residual, jacobian, norm, (-bound, bound), iterations, iter_callback=watch,
             mu_min=np.float64(_DAMPING[0]), mu_max=np.float64(_DAMPING[1]), mu_factor=np.float64(_DAMPING_FACTOR),
-            verbose=mujoco.minimize.Verbosity.SILENT, output=io.StringIO(), iter_callback=watch,
         )  # fmt: skip
         around = stepped(errors, best[1])
     except _SettledError:  # the differences are around where the last step began
@@ -135,40 +134,17 @@ def slopes(around: Sequence[Array]) -> Array:
     return moved
 
 
-class Robust(mujoco.minimize.Norm):
-    """Pseudo-Huber loss over the recordings' residuals, beyond _OUTLIER linear; quadratic over the priors behind them.
-
-    Args:
-        priors: How many residuals at the end are priors.
-    """
-
-    def __init__(self, priors: int) -> None:
-        self._priors = priors
-
-    def value(self, r: Array) -> np.float64:
-        """Return the cost of residuals, shape (r, 1) or (r,)."""
-        data, prior = r[: -self._priors], r[-self._priors :]
-        cost = _OUTLIER**2 * (np.sqrt(1.0 + (data / _OUTLIER) ** 2) - 1.0)
-        return np.float64(cost.sum() + 0.5 * (prior * prior).sum())
-
-    def grad_hess(self, r: Array, proj: Array) -> tuple[Array, Array]:  # pyright: ignore (the base returns nothing)
-        """Return gradient and Gauss-Newton Hessian of the cost, by what residuals, shape (r, 1), change with."""
-        weight = 1.0 / np.sqrt(1.0 + (r / _OUTLIER) ** 2)
-        weight[-self._priors :] = 1.0
-        return proj.T @ (weight * r), proj.T @ (weight * proj)
-
-
 def covariance(shots: Sequence[Array]) -> Array:
     """Return the covariance of the unknowns, prior included, shape (m, m).
 
-    Residuals of a fit are correlated over time: what they are worth is found from their autocorrelation, recording by
-    recording and joint by joint (Bayley and Hammersley 1946: the effective number of independent observations).
+    What residuals are worth is found recording by recording and joint by joint: from their size, and from how long they
+    resemble each other.
 
     Args:
         shots: What `stepped` gave at the optimum.
     """
     m = len(shots[0]) - 1
-    information = np.eye(m)
+    found, weights = [np.empty((0, m))], [np.empty(0)]
     for error in shots:
         jacobian = (error[1:] - error[0]) / STEP
         for joint in range(error.shape[2]):
@@ -177,10 +153,9 @@ def covariance(shots: Sequence[Array]) -> Array:
                 continue
             left = error[0, known, joint]
             variance = float(np.mean(left * left)) + 1e-8  # and never below the encoder's own 0.1 mrad
-            inflation = correlation_time(left)
-            j = jacobian[:, known, joint]
-            information += j @ j.T / (variance * inflation)
-    return np.asarray(np.linalg.inv(information), np.float64)
+            found.append(jacobian[:, known, joint].T)
+            weights.append(np.full(len(left), 1.0 / (variance * correlation_length(left))))
+    return posterior(np.concatenate(found), np.concatenate(weights))
 
 
 def conditioned(z: Array, spread: Array, known: NDArray[np.bool_]) -> Array:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from robolamp.calibrate.least_squares import correlation_length
 from robolamp.calibrate.session import LampRecording
 from robolamp.calibration import LAMP, Calibration
 from robolamp.dynamixel.registers import VOLTAGE_UNIT
@@ -43,7 +44,7 @@ def measure_supply(recordings: Sequence[LampRecording], base: Calibration) -> di
         return {"supply_voltage": middle}
     slope = float(centred @ volts) / power
     residual = volts - volts.mean() - slope * centred
-    variance = float(np.mean(residual**2)) * correlation_time(residual)
+    variance = float(np.mean(residual**2)) * correlation_length(residual)
     error = math.sqrt(variance / power)
     legal = LAMP["supply_resistance"]
     hidden = -slope * float(np.ptp(drawn)) < quantum  # of readings that are all alike the sums' rounding is left
@@ -66,21 +67,6 @@ def _readings(recording: LampRecording) -> tuple[Array, Array]:
         return np.empty(0), np.empty(0)
     kernel = np.full(_TICKS, 1.0 / _TICKS)
     return np.convolve(drawn[known], kernel, "valid"), np.convolve(volts[known], kernel, "valid")
-
-
-def correlation_time(residual: Array) -> float:
-    """Return how many samples say as much as one independent one."""
-    centred = residual - residual.mean()
-    power = float(centred @ centred)
-    if power <= 0.0:
-        return 1.0
-    total = 1.0
-    for lag in range(1, len(centred) // 4):
-        rho = float(centred[lag:] @ centred[:-lag]) / power
-        if rho < 0.05:
-            break
-        total += 2.0 * rho
-    return total
 
 
 def median_error(values: Array) -> float:

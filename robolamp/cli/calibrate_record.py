@@ -18,7 +18,7 @@ from robolamp.errors import RobolampError
 
 if TYPE_CHECKING:
     from robolamp.calibrate.procedure import Step
-    from robolamp.calibrate.record import Connect, Connection, Person
+    from robolamp.calibrate.record import Connect, Person, StepConnection
     from robolamp.calibrate.servo_bench import ServoBench
     from robolamp.lamp import Lamp
     from robolamp.runtime.result import RunResult
@@ -208,16 +208,14 @@ def _person(stop: StopRequest) -> Person:
 
 
 def _physical(lamp: Lamp, port: str | None, foot_port: str | None, *, foot: bool) -> Connect:
-    from robolamp.calibrate.record import Connection
-    from robolamp.cli.drive import opening_patience_at, patience_at
+    from robolamp.calibrate.record import StepConnection
     from robolamp.runtime.clock import MonotonicClock
 
     servo, sensor = port or lamp.bus_port, (foot_port or lamp.foot_port) if foot else None
 
     @contextlib.contextmanager
-    def connect(step: Step) -> Iterator[Connection]:
-        patience, opening = patience_at(servo), opening_patience_at(servo)
-        yield Connection(servo, sensor, MonotonicClock(), patience=patience, opening=opening)
+    def connect(step: Step) -> Iterator[StepConnection]:
+        yield StepConnection.real(servo, sensor, MonotonicClock())
 
     return connect
 
@@ -234,7 +232,7 @@ def emulated(setup: Setup, reality: str) -> Connect:
     """
     import time
 
-    from robolamp.calibrate.record import Connection
+    from robolamp.calibrate.record import StepConnection
     from robolamp.emulator.lamp import EmulatedLamp
     from robolamp.emulator.lockstep import Lockstep
     from robolamp.emulator.reality import load_reality
@@ -242,11 +240,11 @@ def emulated(setup: Setup, reality: str) -> Connect:
     bent = load_reality(reality, setup.lamp, setup.assets)
 
     @contextlib.contextmanager
-    def connect(step: Step) -> Iterator[Connection]:
+    def connect(step: Step) -> Iterator[StepConnection]:
         world = EmulatedLamp(setup.lamp, setup.calibration, setup.assets, bent, clamped=step.clamped)
         start = world.plant.truth().base_x
         ports = Lockstep(world, setup.lamp.bus_baud)
-        yield Connection(
+        yield StepConnection(
             ports.servo_port, ports.foot_port, ports.clock, time.time_ns(),
             travelled=lambda: world.plant.truth().base_x - start, mass=round(world.plant.mass, 3),
         )  # fmt: skip
@@ -268,7 +266,7 @@ def emulated_servo(setup: Setup, bench: ServoBench, reality: str) -> Connect:
     import dataclasses
     import time
 
-    from robolamp.calibrate.record import Connection
+    from robolamp.calibrate.record import StepConnection
     from robolamp.emulator.bare import BareServos
     from robolamp.emulator.lockstep import Lockstep
     from robolamp.emulator.reality import load_reality
@@ -277,8 +275,8 @@ def emulated_servo(setup: Setup, bench: ServoBench, reality: str) -> Connect:
     servo = dataclasses.replace(bench.servo, return_delay=0.0)  # as `robolamp setup` leaves it
 
     @contextlib.contextmanager
-    def connect(step: Step) -> Iterator[Connection]:
+    def connect(step: Step) -> Iterator[StepConnection]:
         ports = Lockstep(BareServos([servo], reality=bent), bench.lamp.bus_baud)
-        yield Connection(ports.servo_port, None, ports.clock, time.time_ns())
+        yield StepConnection(ports.servo_port, None, ports.clock, time.time_ns())
 
     return connect

@@ -96,6 +96,8 @@ def deploy(
     from robolamp.cli.witness import judged
     from robolamp.compare.tolerances import load_tolerances
     from robolamp.lateness import Lateness
+    from robolamp.robot.connection import Connection
+    from robolamp.runtime.clock import MonotonicClock
     from robolamp.runtime.stop import StopRequest
 
     chosen = STAGES[stage] if stage else None
@@ -110,7 +112,7 @@ def deploy(
         setup, loaded, distance, duration, "lamp", folder / "log.mcap", goal_time, chosen, fix, resume_after_replug
     )
     with tidying(plan), StopRequest() as stop:
-        result = drive(plan, servos, foot, stop, as_json)
+        result = drive(plan, Connection.real(servos, foot, MonotonicClock()), stop, as_json)
     plan.host.busy = judged(plan.watch, Lateness(), result.ended, plan.host.patience)
     if not plan.phases["run"]:
         return tell_of_none(plan, result, as_json)

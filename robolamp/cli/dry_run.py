@@ -192,7 +192,7 @@ class _Lamps:
         self.plan.host.lockstep = True
         self.console.print(f"Emulated lamp {self._bent} in lockstep; {self._goes}", markup=False)
         with LockstepLamp(self.plan.setup, self.reality, self.faults, self.truth, self.injections) as lamp:
-            result = drive(self.plan, lamp.servo_port, lamp.foot_port, stop, self.console.quiet, lamp.virtual)
+            result = drive(self.plan, lamp.ports, stop, self.console.quiet)
         self.failed = lamp.failed
         return result
 
@@ -206,6 +206,8 @@ class _Lamps:
         from robolamp.cli.drive import drive
         from robolamp.cli.emulator_process import EmulatorProcess
         from robolamp.cli.witness import judged
+        from robolamp.robot.connection import Connection
+        from robolamp.runtime.clock import MonotonicClock
 
         plan = self.plan
         result: RunResult | None = None
@@ -215,7 +217,8 @@ class _Lamps:
             where = f"on {emulator.servo_port} and {emulator.foot_port}"
             self.console.print(f"Emulated lamp {self._bent} {where}; {self._goes}", markup=False)
             try:
-                result = drive(plan, emulator.servo_port, emulator.foot_port, stop, self.console.quiet)
+                ports = Connection.real(emulator.servo_port, emulator.foot_port, MonotonicClock())
+                result = drive(plan, ports, stop, self.console.quiet)
             except RobolampError as error:
                 refusal = error
         self.failed = emulator.failed

@@ -47,9 +47,9 @@ def explain(
     controller
         A controller file, or the name of a shipped one (hop).
     goals
-        Goals that it runs to on the twin, to count its branches: one goal, or LOW:HIGH:COUNT, in metres (0.05:0.60:12). For
-        a figure other than the lamp: X,Y, or LOW:HIGH:COUNT, so many points all round, that far away; without it, the
-        goals of its task.
+        Goals that it runs to on the twin, to count its branches: one goal, or LOW:HIGH:COUNT, in metres
+        (0.05:0.60:12). For a figure other than the lamp: X,Y, or LOW:HIGH:COUNT, so many points all round, that far
+        away; without it, the goals of its task.
     duration
         Length of each run in seconds (5, or the time limit of a figure's task).
     goal_time

@@ -6,16 +6,16 @@ import time
 from pathlib import Path
 from types import TracebackType
 
-from robolamp.cli.drive import VirtualTime
 from robolamp.cli.emulating import InjectionLog, check_logs
 from robolamp.cli.options import Setup
 from robolamp.emulator.faults import Faults
 from robolamp.emulator.lamp import EmulatedLamp
-from robolamp.emulator.lockstep import Lockstep, LockstepFoot, LockstepPort
+from robolamp.emulator.lockstep import Lockstep
 from robolamp.emulator.reality import Reality
 from robolamp.emulator.truth import TruthLog
 from robolamp.errors import FileError, RobolampError
 from robolamp.log.context import versions
+from robolamp.robot.connection import Connection
 
 
 class LockstepLamp:
@@ -29,9 +29,7 @@ class LockstepLamp:
         injections: File for what was injected; None: nowhere.
 
     Attributes:
-        servo_port: Its servo port.
-        foot_port: Its foot port.
-        virtual: Its time.
+        ports: Its ports and its time.
         failed: What went wrong with its logs, known at the end; None: nothing did.
 
     Raises:
@@ -52,9 +50,7 @@ class LockstepLamp:
             raise
         world.injector.report = self._report.write
         ports = Lockstep(world, setup.lamp.bus_baud)
-        self.servo_port: LockstepPort = ports.servo_port
-        self.foot_port: LockstepFoot = ports.foot_port
-        self.virtual = VirtualTime(ports.clock, epoch)
+        self.ports = Connection(ports.servo_port, ports.foot_port, ports.clock, epoch)
         self.failed: RobolampError | None = None
 
     def __enter__(self) -> LockstepLamp:

@@ -310,12 +310,12 @@ def _foot(port: str, lamp: Lamp, weight: float | None, ask: Ask | None) -> dict[
 
 
 def _check(port: str, foot_port: str, lamp: Lamp, fix: bool) -> dict[str, Any]:
-    from robolamp.robot.lamp import RobotLamp
+    from robolamp.robot.lamp import RobotLamp, servo_traits
     from robolamp.robot.setup import check_strangers
-    from robolamp.runtime.clock import MonotonicClock
-    from robolamp.runtime.schedule import MAX_PERIOD, PERIOD, check_period, least_period
+    from robolamp.runtime.clock import MAX_PERIOD, PERIOD, MonotonicClock, check_period, least_period
 
-    check_period(MAX_PERIOD, lamp)
+    wire = servo_traits(lamp).tick_time
+    check_period(MAX_PERIOD, lamp, wire)
     check_strangers(port, MonotonicClock(), lamp)  # first: a refusal must not hide what --fix has mended
     robot = RobotLamp(lamp, port, foot_port, MonotonicClock(), fix=fix)
     try:
@@ -323,7 +323,7 @@ def _check(port: str, foot_port: str, lamp: Lamp, fix: bool) -> dict[str, Any]:
         transport = robot.transport
     finally:
         robot.close()
-    least = least_period(lamp)
+    least = least_period(wire)
     if least > PERIOD:
         robot.notices.append(
             f"at bus.baud = {lamp.bus_baud} deploy refuses controllers with a control_period below {least:.3f} s "

@@ -14,7 +14,7 @@ from robolamp.errors import BusError, RobolampError
 from robolamp.lateness import Lateness
 from robolamp.robot.lamp import WATCHDOG
 from robolamp.runtime.health import ANGLE_AGE, FOOT_AGE_STOP
-from robolamp.signals import Clock, Command, LampBackend, Observation
+from robolamp.signals import Command, LampBackend, LampProxy, Observation
 
 _SHARE = 0.5  # of a silence that the host must have been late for, to have caused it. Chosen: most of it
 
@@ -113,7 +113,7 @@ def _worst(watch: Watch, emulator: Lateness, begin: float, end: float) -> Busy:
     return Busy(who[name], name)
 
 
-class Witness:
+class Witness(LampProxy):
     """A lamp backend that passes everything on to another, and takes note of silences and of its caller's lateness.
 
     Args:
@@ -125,21 +125,11 @@ class Witness:
     """
 
     def __init__(self, backend: LampBackend, watch: Watch, period: float, patience: float, opening: float) -> None:
-        self._backend = backend
+        super().__init__(backend)
         self._watch = watch
         self._period = period
         self._patience, self._opening = patience, opening
         self._looked = self._used = math.nan  # when the last look began, and the CPU time used by then [s]
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Joint names, from the foot up."""
-        return self._backend.joints
-
-    @property
-    def clock(self) -> Clock:
-        """The clock that observations are stamped with."""
-        return self._backend.clock
 
     def open(self) -> None:
         """Connect and check that everything is there."""
@@ -182,10 +172,6 @@ class Witness:
         except RobolampError:
             self._watch.silent(began - WATCHDOG, self._patience)
             raise
-
-    def close(self) -> None:
-        """Turn torque off and let go of everything."""
-        self._backend.close()
 
     def _patiently(self, call: Callable[[], None]) -> None:
         began = time.monotonic()

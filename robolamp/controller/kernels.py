@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robolamp.controller.envelope import bounded
 from robolamp.controller.primitives import OPCODES
 from robolamp.jit import njit
 
 _CONSTANT = len(OPCODES)
 _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _IF = (OPCODES[name] for name in ("+", "-", "*", "%", "ifltz"))
+_bounded = njit(nogil=True, fastmath=False, error_model="numpy")(bounded)
 
 
 @njit(nogil=True, fastmath=False, error_model="numpy")
@@ -81,7 +83,7 @@ def bound_lanes(
     step: NDArray[np.float64],
     interventions: NDArray[np.int64],
 ) -> None:
-    """Do for many lanes what `Envelope.apply` does, to the bit, without its cost for each call.
+    """Keep the goals of many lanes to `bounded`, the lamp's envelope.
 
     Args:
         lanes: Which lanes.
@@ -94,14 +96,10 @@ def bound_lanes(
     """
     for lane in lanes:
         for joint in range(wanted.shape[1]):
-            last, held = goal[lane, joint], wanted[lane, joint]
-            if not np.isfinite(held):
-                held = last
-                interventions[lane] += 1
-            inside = min(max(held, lower[joint]), upper[joint])
-            slow = min(max(inside, last - step[joint]), last + step[joint])
-            interventions[lane] += int(inside != held) + int(slow != inside)
-            goal[lane, joint] = slow + 0.0  # a goal of -0.0 becomes 0.0
+            goal[lane, joint], lost, limited, slewed = _bounded(
+                wanted[lane, joint], goal[lane, joint], lower[joint], upper[joint], step[joint]
+            )
+            interventions[lane] += int(lost) + int(limited) + int(slewed)
 
 
 # In one call: the way from Python into a kernel costs as much as the kernel does for a lane or two.

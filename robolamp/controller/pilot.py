@@ -71,7 +71,7 @@ class Pilot:
         """
         self._tick = -1
         self._signals = Signals(1, self._n, self._limits, self.terminals)
-        self._envelope = Envelope(self._lamp.lower, self._lamp.upper, self._lamp.slew, self._limits.period, goal[None])
+        self._envelope = Envelope(self._lamp.lower, self._lamp.upper, self._lamp.slew, self._limits.period, goal)
 
     def step(self, observation: Observation, time: float) -> PilotStep:
         """Return the goals for one tick.
@@ -87,13 +87,12 @@ class Pilot:
         )[0]
         self._tick = tick
         outputs = np.array(self._program.run(inputs.tolist()))
-        goal = self._envelope.apply(outputs[None])[0]
-        envelope = self._envelope
+        goal = self._envelope.apply(outputs)
         return PilotStep(
             inputs=inputs.copy(),
             outputs=outputs,
-            goal=goal.copy(),
+            goal=goal,
             hops=int(self._signals.hops[0]),
             contact=bool(self._signals.contact[0]),
-            interventions=Interventions(int(envelope.not_finite[0]), int(envelope.limited[0]), int(envelope.slewed[0])),
+            interventions=self._envelope.interventions,
         )

@@ -20,7 +20,7 @@ from typing import Any
 from dynamixel_sdk import COMM_RX_TIMEOUT, COMM_SUCCESS, Protocol2PacketHandler
 
 from robolamp.dynamixel.fast import FastReply
-from robolamp.dynamixel.port import Port, SerialPort
+from robolamp.dynamixel.port import Port, SerialPort, line_time
 from robolamp.dynamixel.registers import BAUD_CODES, Register
 from robolamp.dynamixel.status import ALERT, Status
 from robolamp.errors import BusError
@@ -466,8 +466,7 @@ class Bus:
         self._sent = len(packet)
 
     def _wait(self, length: int, patience: float) -> None:
-        wire = (self._sent + length) * 10.0 / self._baud
-        self._port.setPacketTimeoutMillis((patience + wire) * 1000.0)
+        self._port.setPacketTimeoutMillis((patience + line_time(self._sent + length, self._baud)) * 1000.0)
 
     def _receive(self) -> tuple[int, Status] | None:
         """Return the next good status packet with its sender; None when the time is over."""

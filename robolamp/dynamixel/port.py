@@ -17,7 +17,18 @@ from robolamp.signals import Clock
 
 _MOST_BYTES = 1024  # more than all answers to one instruction: a line that babbles must not hold the loop
 _WRITE_TIMEOUT = 0.05  # s: a port that takes no bytes any more
+_BITS = 10.0  # of a byte: 8 data, start, stop
 _SPIN = 0.0002  # s, before and after bytes are due: a sleeper is woken 0.05 to 0.1 ms late, the time of ten bytes
+
+
+def line_time(count: float, baud: int) -> float:
+    """Return how long bytes are on a line [s].
+
+    Args:
+        count: How many.
+        baud: Of the line [1/s].
+    """
+    return count * _BITS / baud
 
 
 class Port(Protocol):
@@ -92,7 +103,7 @@ class SerialPort(PortHandler):
         self.ser = serial.Serial(self.port_name, self.baudrate, timeout=0, write_timeout=_WRITE_TIMEOUT, exclusive=True)
         self.is_open = True
         self.ser.reset_input_buffer()
-        self.tx_time_per_byte = 10.0 * 1000.0 / self.baudrate  # ms: 8 bits, start and stop
+        self.tx_time_per_byte = line_time(1, self.baudrate) * 1000.0  # ms, as the SDK has it
         with contextlib.suppress(Exception):  # FTDI: latency timer 16 ms -> 1 ms; other drivers do not know it
             self.ser.set_low_latency_mode(True)
             self.low_latency = True

@@ -2,7 +2,7 @@
 
 Instruction packets have 10 bytes around their parameters, status packets 11 around their data, and a block of a fast
 reply 4 (https://emanual.robotis.com/docs/en/dxl/protocol2/, "Instruction Packet", "Status Packet", "Sync Read",
-"Fast Sync Read", "Sync Write"); a byte is 10 bits on the line (8 data, start, stop). Bytes stuffed are not counted.
+"Fast Sync Read", "Sync Write"). Bytes stuffed are not counted.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Literal
 
 from robolamp.dynamixel.block import LENGTHS
 from robolamp.dynamixel.fast import FastReply
+from robolamp.dynamixel.port import line_time
 
 STATE = (124, 23)
 """Address and length of Present PWM ... Present Temperature, the same in every model."""
@@ -23,7 +24,6 @@ _INSTRUCTION, _STATUS = 10, 11  # bytes around parameters, and around data
 _ADDRESS = 2  # the first parameter of a write
 _SPAN = 4  # address and length, the first parameters of a sync instruction
 _GOAL = 1 + 4  # id and Goal Position(116)
-_BITS = 10.0  # of a byte
 
 
 class Transport(StrEnum):
@@ -66,4 +66,4 @@ def wire_time(part: Part, n: int, baud: int, transport: Transport = Transport.DI
         count = 2 * question + n * (2 * _STATUS + STATE[1] + longer + CONDITION[1])
     if part == "tick":
         count += goals
-    return count * _BITS / baud
+    return line_time(count, baud)

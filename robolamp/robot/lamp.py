@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.dynamixel.bus import PATIENCE, SETTING_PATIENCE, Bus, Port
-from robolamp.dynamixel.registers import MODELS
+from robolamp.dynamixel.registers import MODELS, VOLTAGE_UNIT, HardwareError, Name
 from robolamp.dynamixel.servos import Servos
 from robolamp.dynamixel.state import ServoState
 from robolamp.dynamixel.wire import wire_time
@@ -19,7 +19,7 @@ from robolamp.lamp import Lamp
 from robolamp.robot.frame import JointFrame
 from robolamp.robot.preflight import preflight
 from robolamp.robot.roll import check_alone
-from robolamp.signals import ASKED_AGAIN, Clock, Command, Health, Observation
+from robolamp.signals import ASKED_AGAIN, Clock, Command, Health, Observation, ServoTraits
 
 WATCHDOG = 0.2
 """Silence on the bus after which each servo stops by itself [s]: ten ticks at 50 Hz (Bus Watchdog(98))."""
@@ -30,8 +30,6 @@ _CONDITION_TICKS = 5
 """Answers in a row without a servo's torque and error flags after which that is a fault; one may be noise."""
 
 _DAMAGES = ("bus: bytes that nobody asked for", "foot: frames lost", "foot: damaged bytes", "foot: frames repeated")
-
-_ROUNDING = 1e-9  # rad: a goal on its limit may be this far outside by rounding
 
 
 class RobotLamp:
@@ -109,6 +107,11 @@ class RobotLamp:
     def clock(self) -> Clock:
         """The clock that observations are stamped with."""
         return self._clock
+
+    @property
+    def traits(self) -> ServoTraits:
+        """What its servos are like."""
+        return servo_traits(self._lamp)
 
     def open(self) -> None:
         """Open both ports and check that the lamp may be moved; nothing moves.
@@ -227,7 +230,7 @@ class RobotLamp:
                 nothing was sent.
             BusError: The port is gone.
         """
-        goal = self._checked(command.goal)
+        self._lamp.check_goal(command.goal)
         servos = self._ready()
         now = self._clock.now()
         silence = max(self._silence, now - self._spoke)
@@ -240,7 +243,7 @@ class RobotLamp:
                     self._bus.name,
                 )
         self._silence = 0.0
-        servos.write_goals(self._frame.servo_angle(goal))
+        servos.write_goals(self._frame.servo_angle(command.goal))
         self._spoke = now
 
     def reconnect(self) -> bool:
@@ -327,11 +330,13 @@ class RobotLamp:
             raise BusError("the lamp is not open", self._bus.name)
         return self._servos
 
-    def _checked(self, goal: NDArray[np.float64]) -> NDArray[np.float64]:
-        for joint, value in zip(self._lamp.joints, goal, strict=True):
-            if not joint.lower - _ROUNDING <= value <= joint.upper + _ROUNDING:  # NaN is outside too
-                raise SafetyError(
-                    f"goal {value:g} rad of {joint.name} is not from {joint.lower:g} to {joint.upper:g} rad",
-                    str(self._lamp.path),
-                )
-        return goal
+
+def servo_traits(lamp: Lamp) -> ServoTraits:
+    """Return what a run must know of a lamp's servos.
+
+    Args:
+        lamp: Names their models, and gives the baud rate of their bus.
+    """
+    lowest = [(MODELS[joint.servo][Name.MIN_VOLTAGE_LIMIT].initial or 0) * VOLTAGE_UNIT for joint in lamp.joints]
+    tick = wire_time("tick", len(lamp.joints), lamp.bus_baud)
+    return ServoTraits(np.array(lowest), tick, HardwareError.words)

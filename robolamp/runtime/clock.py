@@ -1,11 +1,22 @@
-"""The computer's clock, to schedule ticks on, and how long it stood still because the computer slept."""
+"""Time in a run: the computer's clock, whether the computer slept, control periods, and ticks that keep to one."""
 
 from __future__ import annotations
 
 import time
 from typing import Protocol, runtime_checkable
 
+from robolamp.errors import SafetyError
+from robolamp.lamp import Lamp
 from robolamp.signals import Clock
+
+PERIOD = 0.02
+"""Control period where the controller gives none [s]: 50 Hz."""
+
+MAX_PERIOD = 0.1
+"""Longest control period [s]: half the 0.2 s of silence after which the servos' Bus Watchdog stops them."""
+
+WIRE_SHARE = 0.8
+"""Largest share of the period that a tick's packets may take on the servo bus; the rest is for everything else."""
 
 SLEEP = 0.2
 """Sleep of the computer that is one [s]: as much silence as the servos' Bus Watchdogs allow."""
@@ -70,3 +81,72 @@ def _sleep_until(deadline: float) -> None:
         time.sleep(left - _SPIN)
     while time.monotonic() < deadline:
         pass
+
+
+def check_period(period: float, lamp: Lamp, wire: float) -> None:
+    """Check that a lamp can be driven at a control period.
+
+    Args:
+        period: [s].
+        lamp: Its description.
+        wire: How long a tick's packets are on the servo bus [s].
+
+    Raises:
+        SafetyError: It cannot.
+    """
+    if period > MAX_PERIOD:
+        raise SafetyError(
+            f"control_period = {period:g} s is longer than {MAX_PERIOD:g} s: the servos' Bus Watchdog stops them after "
+            f"{2 * MAX_PERIOD:g} s of silence"
+        )
+    if wire > WIRE_SHARE * period:
+        raise SafetyError(
+            f"a tick takes {wire * 1e3:.1f} ms on the servo bus at bus.baud = {lamp.bus_baud}, more than "
+            f"{WIRE_SHARE:.0%} of control_period = {period:g} s; raise the baud rate (of the servos too) or the period",
+            str(lamp.path),
+        )
+
+
+def least_period(wire: float) -> float:
+    """Return the shortest control period that a bus has time for [s].
+
+    Args:
+        wire: How long a tick's packets are on it [s].
+    """
+    return wire / WIRE_SHARE
+
+
+class Schedule:
+    """Ticks at absolute times, so that lateness does not add up; those that are past already are skipped.
+
+    Args:
+        clock: What they are timed by.
+        period: From one to the next [s].
+    """
+
+    def __init__(self, clock: Clock, period: float) -> None:
+        self._clock, self._period = clock, period
+        self._origin = 0.0
+        self._slot = 0
+
+    @property
+    def due(self) -> float:
+        """When the next tick is due [s]."""
+        return self._origin + self._slot * self._period
+
+    def begin(self) -> None:
+        """Let the first tick be now."""
+        self._origin, self._slot = self._clock.now(), 0
+
+    def wait(self) -> tuple[float, float, int]:
+        """Wait for the next tick.
+
+        Returns:
+            When it was due and when it began [s], and how many before it were skipped.
+        """
+        due = self.due
+        self._clock.sleep_until(due)
+        began = self._clock.now()
+        missed = int((began - due) / self._period)
+        self._slot += missed + 1
+        return due + missed * self._period, began, missed

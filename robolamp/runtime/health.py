@@ -9,10 +9,9 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.dynamixel.registers import MODELS, VOLTAGE_UNIT, HardwareError, Name
 from robolamp.lamp import Lamp
-from robolamp.runtime.schedule import MAX_PERIOD
-from robolamp.signals import Observation
+from robolamp.runtime.clock import MAX_PERIOD
+from robolamp.signals import Observation, ServoTraits
 
 ANGLE_AGE = 0.1
 """Age of an angle at which the run ends [s]: five ticks at 50 Hz; until then the last goal is held."""
@@ -101,7 +100,8 @@ class Guard:
     """Judges one observation after the other.
 
     Args:
-        lamp: Gives joint names and servo models.
+        lamp: Gives joint names.
+        traits: What its servos are like.
         powered: Whether torque is on, as it must be from then on; False for a run that only watches.
         clamped: Whether the base is clamped: what its foot sensor shows is no ground for anything then.
 
@@ -110,13 +110,11 @@ class Guard:
         reason: The fault behind the last verdict, the most urgent; empty where that was GO.
     """
 
-    def __init__(self, lamp: Lamp, *, powered: bool = True, clamped: bool = False) -> None:
+    def __init__(self, lamp: Lamp, traits: ServoTraits, *, powered: bool = True, clamped: bool = False) -> None:
         self.faults: Counter[str] = Counter()
         self.reason = ""
         self._names = lamp.names
-        self._lowest = np.array(
-            [(MODELS[joint.servo][Name.MIN_VOLTAGE_LIMIT].initial or 0) * VOLTAGE_UNIT for joint in lamp.joints]
-        )
+        self._traits = traits
         self._low_since = np.full(len(lamp.joints), math.nan)  # [s]; NaN: the supply is not low
         self._astray = np.zeros(len(lamp.joints), np.int64)  # readings in a row without the goal sent
         self._powered = powered
@@ -155,7 +153,8 @@ class Guard:
         duty = self._duty.add(np.abs(health.pwm), observation.time)
         current = np.sqrt(self._heating.add(observation.current**2, observation.time))
         # What a lost reading does not tell changes nothing, here and below: not low, low, or astray as before.
-        low, fine = health.voltage < self._lowest, health.voltage >= self._lowest
+        lowest = self._traits.lowest_voltage
+        low, fine = health.voltage < lowest, health.voltage >= lowest
         self._low_since = np.where(low & np.isnan(self._low_since), observation.time, self._low_since)
         self._low_since[fine] = math.nan
         if health.goal.size:
@@ -168,7 +167,7 @@ class Guard:
         for index, name in enumerate(self._names):
             error = int(health.hardware_error[index])
             if error > 0:
-                found.append((f"{name}: hardware error ({HardwareError.words(error)})", Verdict.LAND))
+                found.append((f"{name}: hardware error ({self._traits.error_words(error)})", Verdict.LAND))
             if health.torque[index] == 0 and self._powered:
                 found.append((f"{name}: torque went off", Verdict.LAND))
             if old[index] and not late:
@@ -183,7 +182,7 @@ class Guard:
                 found.append((f"{name}: current above {CURRENT:g} A over {OVER_TIME:g} s", Verdict.LAND))
             if low[index]:
                 lasting = observation.time - self._low_since[index] >= VOLTAGE_TIME
-                text = f"{name}: supply below {self._lowest[index]:.1f} V"
+                text = f"{name}: supply below {lowest[index]:.1f} V"
                 found.append((text, Verdict.LAND if lasting else Verdict.GO))
             if self._astray[index] >= GOALS_LOST:
                 found.append((f"{name}: {GOALS_LOST} goals in a row did not arrive", Verdict.LAND))

@@ -12,15 +12,11 @@ from numpy.typing import NDArray
 from robolamp.controller.pilot import PilotStep
 from robolamp.errors import BusError, RobolampError
 from robolamp.lamp import Lamp
-from robolamp.runtime.clock import Sleep
+from robolamp.runtime.clock import PERIOD, Schedule, Sleep, check_period
 from robolamp.runtime.health import Guard, Verdict
-from robolamp.runtime.release import still_held
-from robolamp.runtime.replug import AGAIN_TIME, REPLUG_TIME, came_back
-from robolamp.runtime.reporter import Reporter
-from robolamp.runtime.result import RunResult
-from robolamp.runtime.schedule import PERIOD, Schedule, check_period
-from robolamp.runtime.softly import first_goal, present_pose, smooth
+from robolamp.runtime.result import Reporter, RunResult
 from robolamp.runtime.stop import StopRequest
+from robolamp.runtime.torque import first_goal, present_pose, smooth, still_held
 from robolamp.signals import Command, LampBackend, Observation, Tick
 
 Array = NDArray[np.float64]
@@ -34,10 +30,17 @@ START_HOLD = 0.5
 LANDING = 1.0
 """Time from the last goal to the rest pose [s]."""
 
+REPLUG_TIME = 10.0
+"""How long a port that was unplugged has to come back [s]."""
+
+AGAIN_TIME = 60.0
+"""How long servos may fall silent again and again before the lamp is back where it was [s]: a plug that is loose."""
+
 TORQUE_ON = "torque on"
 """The event once torque is on."""
 
 _REQUEST = "request to stop"
+_LOOK = 0.1  # s: between two attempts to go on with a port that was unplugged
 
 
 class Pilot(Protocol):
@@ -101,7 +104,7 @@ def run(
             outside its limits that its first goal would jump; torque stays off.
         BusError: The lamp's pose cannot be read, or its torque cannot be turned on.
     """
-    check_period(period, lamp)
+    check_period(period, lamp, backend.traits.tick_time)
     reporter = Reporter(on_tick, on_event)
     loop = _Loop(backend, lamp, period, reporter, stop or StopRequest(), powered, reconnect, clamped)
     try:
@@ -158,7 +161,7 @@ class _Loop:
         self._reporter = reporter
         self._say = reporter.say
         self._stop = stop
-        self._guard = Guard(lamp, powered=powered, clamped=clamped)
+        self._guard = Guard(lamp, backend.traits, powered=powered, clamped=clamped)
         self._watching = not powered
         self._reconnect = reconnect
         self._away = False  # whether the servos fell silent and the lamp is not back where it was
@@ -303,7 +306,9 @@ class _Loop:
         lost, self._kept = self._clock.now(), ""
         self._say("error", f"{reason}; waiting up to {REPLUG_TIME:g} s for it to come back")
         try:
-            back = came_back(self._hold_again, self._clock, self._stop)
+            end = self._clock.now() + REPLUG_TIME
+            while not (back := self._hold_again()) and self._clock.now() <= end and not self._stop.requests:
+                self._clock.sleep_until(self._clock.now() + _LOOK)
         except RobolampError as error:
             raise _Cut(f"{reason}; it came back, but {error.message}") from None
         if not back and self._stop.requests:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.errors import SafetyError
-from robolamp.signals import Command, Health, Observation
+from robolamp.signals import Command, Health, Observation, ServoTraits
 from robolamp.twin.body import Body
 from robolamp.twin.judge import Judge, Outcome
 from robolamp.twin.model import TwinModel
@@ -71,6 +69,11 @@ class TwinLamp:
         """Simulated time [s]."""
         return self._steps * self.twin.timestep
 
+    @property
+    def traits(self) -> ServoTraits:
+        """What its servos are like: they work at any voltage, and no line takes time."""
+        return ServoTraits(np.zeros(len(self.joints)))
+
     def open(self) -> None:
         """Stand in the neutral pose, torque off."""
         self.body.reset()
@@ -124,7 +127,7 @@ class TwinLamp:
         Raises:
             SafetyError: A goal is not finite or outside the joint's limits.
         """
-        check_goal(command.goal, self.twin)
+        self.twin.lamp.check_goal(command.goal)
         arrival = self._steps + round(self.twin.line_delay / self.twin.timestep)
         self._arrivals.append((arrival, command.goal.copy()))
 
@@ -142,14 +145,3 @@ class TwinLamp:
     def outcome(self) -> Outcome:
         """What the lamp truly did since the last `start_judging`; arrays of one lane."""
         return self._judge.outcome(self.body.angle[None], np.zeros(1, bool), np.zeros(1, np.int64))
-
-
-def check_goal(goal: NDArray[np.float64], twin: TwinModel) -> None:
-    """Refuse goals that the envelope would not have let through.
-
-    Raises:
-        SafetyError: A goal is not finite or outside the joint's limits.
-    """
-    for joint, value in zip(twin.lamp.joints, goal, strict=True):
-        if not math.isfinite(value) or not joint.lower - 1e-9 <= value <= joint.upper + 1e-9:
-            raise SafetyError(f"goal {value:g} rad is outside {joint.lower:g} to {joint.upper:g} rad", joint.name)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.controller.envelope import Envelope
+from robolamp.controller.kernels import bound_lanes
 from robolamp.controller.program import Program, ProgramSet
 from robolamp.figure import Driven
 
@@ -90,24 +90,20 @@ def follows(
     count, joints = len(trace.ticks), len(lamp.joints)
     same, interventions = np.ones(count, bool), np.zeros(count, np.int64)
     lanes = np.arange(count)
-    envelope = Envelope(lamp.lower, lamp.upper, lamp.slew, period, np.zeros((count, joints)))
+    limits = lamp.lower, lamp.upper, lamp.slew * period
+    sent, changed = np.zeros((count, joints)), np.zeros(count, np.int64)
     for tick in range(trace.inputs.shape[1] + 1):
         ended = trace.ticks[lanes] <= tick
         if ended.any():
-            done = lanes[ended]
-            interventions[done] = (envelope.not_finite + envelope.limited + envelope.slewed)[ended]
-            keep = np.flatnonzero(~ended)
-            lanes = lanes[keep]
-            envelope.select(keep)
+            interventions[lanes[ended]] = changed[ended]
+            lanes, sent, changed = lanes[~ended], sent[~ended], changed[~ended]
         if not len(lanes):
             break
         wanted = compiled.run(program[lanes], trace.inputs[lanes, tick], np.empty((len(lanes), joints)))
-        sent = envelope.apply(wanted)
+        bound_lanes(wanted, sent, *limits, changed)
         # As bits: a goal of -0.0 is not one of 0.0, which a physics step might tell apart.
         agrees = (sent.view(np.int64) == trace.goals[lanes, tick].view(np.int64)).all(axis=1)
         if not agrees.all():
             same[lanes[~agrees]] = False
-            keep = np.flatnonzero(agrees)
-            lanes = lanes[keep]
-            envelope.select(keep)
+            lanes, sent, changed = lanes[agrees], sent[agrees], changed[agrees]
     return same, interventions

@@ -16,7 +16,7 @@ import pytest
 
 from robolamp.calibrate.manifest import NAME, load_manifest
 from robolamp.calibrate.procedure import Step, procedure
-from robolamp.calibrate.record import Connection, Person
+from robolamp.calibrate.record import Person, StepConnection
 from robolamp.calibrate.recordings import read_recordings
 from robolamp.calibrate.session import read_session
 from robolamp.calibrate.soundness import faults
@@ -80,7 +80,7 @@ def test_a_session_that_was_killed_goes_on_where_it_stopped(tmp_path: Path) -> N
         pass
 
     @contextlib.contextmanager
-    def fails(step: Step) -> Iterator[Connection]:
+    def fails(step: Step) -> Iterator[StepConnection]:
         if step.name == "drop-2":
             (tmp_path / "drop-2.mcap.part").write_bytes(b"half")
             raise Killed
@@ -126,11 +126,11 @@ def test_a_folder_of_something_else_is_refused(session: Path, tmp_path: Path) ->
 def test_a_person_is_told_what_to_do_and_asked_what_only_a_person_can_see(tmp_path: Path) -> None:
     told: list[str] = []
 
-    def connect(step: Step) -> contextlib.AbstractContextManager[Connection]:
+    def connect(step: Step) -> contextlib.AbstractContextManager[StepConnection]:
         @contextlib.contextmanager
-        def blind() -> Iterator[Connection]:
+        def blind() -> Iterator[StepConnection]:
             with emulated(SETUP, "none")(step) as ports:
-                yield Connection(ports.servo_port, ports.foot_port, ports.clock, ports.epoch)
+                yield StepConnection(ports.servo_port, ports.foot_port, ports.clock, ports.epoch)
 
         return blind()
 
@@ -143,9 +143,9 @@ def test_a_person_is_told_what_to_do_and_asked_what_only_a_person_can_see(tmp_pa
 
 def test_a_way_that_nobody_measured_keeps_no_half_recording(tmp_path: Path) -> None:
     @contextlib.contextmanager
-    def blind(step: Step) -> Iterator[Connection]:
+    def blind(step: Step) -> Iterator[StepConnection]:
         with emulated(SETUP, "none")(step) as ports:
-            yield Connection(ports.servo_port, ports.foot_port, ports.clock, ports.epoch)
+            yield StepConnection(ports.servo_port, ports.foot_port, ports.clock, ports.epoch)
 
     def leaves(text: str) -> float:
         assert (tmp_path / "hop-15cm.mcap.part").exists()

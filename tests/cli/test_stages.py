@@ -18,7 +18,7 @@ from .test_main import call
 def test_stages_follow_each_other(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("robolamp.cli.drive._EMULATOR_PATIENCE", 0.015)  # a test machine may be busy
+    monkeypatch.setattr("robolamp.robot.connection._EMULATOR_PATIENCE", 0.015)  # a test machine may be busy
     logs = {stage: tmp_path / stage / "log.mcap" for stage in ("shadow", "gentle", "full")}
     with emulator() as (_, servo_port, foot_port):
 

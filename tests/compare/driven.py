@@ -55,7 +55,7 @@ def dry_run(
     faults = Faults("none") if event is None else Faults("one", events=(event,))
     bent = load_reality(reality, SETUP.lamp, SETUP.assets)
     with LockstepLamp(SETUP, bent, faults, folder / "truth.mcap", None) as lamp:
-        asked.clock, asked.at = lamp.virtual.clock, stop
-        drive(plan, lamp.servo_port, lamp.foot_port, asked, True, lamp.virtual)
+        asked.clock, asked.at = lamp.ports.clock, stop
+        drive(plan, lamp.ports, asked, True)
     assert lamp.failed is None
     return log

@@ -54,6 +54,14 @@ def test_an_observation_is_complete(backend: LampBackend) -> None:
     assert seen.faults == ()
 
 
+def test_its_servos_are_described(backend: LampBackend) -> None:
+    traits = backend.traits
+    assert traits.lowest_voltage.shape == (N,)
+    assert (traits.lowest_voltage < backend.observe().health.voltage).all()
+    assert 0.0 <= traits.tick_time < 0.02
+    assert traits.error_words(0x20)
+
+
 def test_time_goes_forward(backend: LampBackend) -> None:
     first = backend.observe()
     backend.clock.sleep_until(first.time + 0.1)

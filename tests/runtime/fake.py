@@ -9,10 +9,12 @@ import numpy as np
 from robolamp.assets import Assets
 from robolamp.controller.pilot import PilotStep
 from robolamp.lamp import load_lamp
+from robolamp.robot.lamp import servo_traits
 from robolamp.signals import Clock, Command, Health, Interventions, Observation
 
 LAMP = load_lamp(Assets())
 N = len(LAMP.joints)
+TRAITS = servo_traits(LAMP)
 
 
 class FakeClock:
@@ -35,6 +37,7 @@ class FakeLamp:
     def __init__(self, spoil: Callable[[Observation], None] | None = None, clock: Clock | None = None) -> None:
         self.joints = LAMP.names
         self.clock = clock or FakeClock()
+        self.traits = TRAITS
         self.angle = np.array([0.3, -0.2, 0.1])
         self.on = False
         self.torques: list[bool] = []

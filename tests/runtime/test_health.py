@@ -20,7 +20,7 @@ from robolamp.runtime.health import (
 )
 from robolamp.signals import Observation
 
-from .fake import LAMP, FakeLamp
+from .fake import LAMP, TRAITS, FakeLamp
 
 
 def observation(change: Callable[[Observation], None] = lambda o: None) -> Observation:
@@ -30,7 +30,7 @@ def observation(change: Callable[[Observation], None] = lambda o: None) -> Obser
 
 
 def test_a_healthy_lamp() -> None:
-    guard = Guard(LAMP)
+    guard = Guard(LAMP, TRAITS)
     assert guard.check(observation()) == Verdict.GO
     assert not guard.faults
 
@@ -80,7 +80,7 @@ def foot(age: float) -> Callable[[Observation], None]:
     ],
 )
 def test_each_fault_is_named_and_judged(spoil: Callable[[Observation], None], verdict: Verdict, text: str) -> None:
-    guard = Guard(LAMP)
+    guard = Guard(LAMP, TRAITS)
     assert guard.check(observation(spoil)) == verdict
     assert guard.faults[text] == 1
     assert guard.reason == (text if verdict else "")
@@ -89,13 +89,13 @@ def test_each_fault_is_named_and_judged(spoil: Callable[[Observation], None], ve
 
 @pytest.mark.parametrize("name", ["hardware_error", "torque"])
 def test_unknown_is_not_a_fault(name: str) -> None:
-    guard = Guard(LAMP)
+    guard = Guard(LAMP, TRAITS)
     assert guard.check(observation(change(name, -1))) == Verdict.GO
     assert not guard.faults
 
 
 def test_a_lasting_low_voltage_lands() -> None:
-    guard = Guard(LAMP)
+    guard = Guard(LAMP, TRAITS)
 
     def at(time: float, volts: float) -> Verdict:
         low = observation(change("voltage", volts))
@@ -108,7 +108,7 @@ def test_a_lasting_low_voltage_lands() -> None:
 
 
 def test_the_reason_is_that_of_now() -> None:
-    guard = Guard(LAMP)
+    guard = Guard(LAMP, TRAITS)
     guard.check(observation(change("torque", 0)))
     assert guard.reason == "knee: torque went off"
     guard.check(observation(age(0, 1, 2)))
@@ -119,7 +119,7 @@ def test_the_reason_is_that_of_now() -> None:
 
 def over(seconds: float, name: str, value: float) -> tuple[Guard, Verdict]:
     """The most urgent verdict on a knee that shows a value for a time, at 50 Hz."""
-    guard, worst = Guard(LAMP), Verdict.GO
+    guard, worst = Guard(LAMP, TRAITS), Verdict.GO
     for tick in range(round(seconds * 50)):
         seen = observation()
         seen.time = tick * 0.02
@@ -158,13 +158,13 @@ def test_currents_count_by_their_heat() -> None:
 
 
 def test_a_warm_servo_is_a_fault_and_goes_on() -> None:
-    guard = Guard(LAMP)
+    guard = Guard(LAMP, TRAITS)
     assert guard.check(observation(change("temperature", 62.0))) == Verdict.GO
     assert dict(guard.faults) == {"knee: above 60 degC": 1}
 
 
 def test_torque_off_is_no_fault_where_it_is_meant_to_be() -> None:
-    guard = Guard(LAMP, powered=False)
+    guard = Guard(LAMP, TRAITS, powered=False)
     assert guard.check(observation(change("torque", 0))) == Verdict.GO
     assert not guard.faults
 
@@ -182,7 +182,7 @@ def test_torque_off_is_no_fault_where_it_is_meant_to_be() -> None:
 def test_a_force_that_never_changes_while_the_lamp_moves_is_stuck(
     force: float, moves: float, lasts: float, verdict: Verdict
 ) -> None:
-    guard, worst = Guard(LAMP), Verdict.GO
+    guard, worst = Guard(LAMP, TRAITS), Verdict.GO
     for step in range(round(lasts / 0.02) + 1):
         seen = observation()
         seen.time, seen.foot_force = step * 0.02, force
@@ -193,7 +193,7 @@ def test_a_force_that_never_changes_while_the_lamp_moves_is_stuck(
 
 
 def test_a_force_is_not_stuck_for_what_nobody_saw() -> None:
-    guard = Guard(LAMP)
+    guard = Guard(LAMP, TRAITS)
     for time, angle in ((0.0, 0.0), (0.02, 0.0), (1.0, 0.5)):  # the port was away meanwhile
         seen = observation()
         seen.time, seen.foot_force = time, 2.0
@@ -203,7 +203,7 @@ def test_a_force_is_not_stuck_for_what_nobody_saw() -> None:
 
 @pytest.mark.parametrize(("speed", "verdict"), [(0.2, Verdict.GO), (0.5, Verdict.LAND)])
 def test_a_lamp_that_creeps_presses_the_floor_with_its_weight_alone(speed: float, verdict: Verdict) -> None:
-    guard, worst = Guard(LAMP), Verdict.GO
+    guard, worst = Guard(LAMP, TRAITS), Verdict.GO
     for step in range(40):
         seen = observation()
         seen.time, seen.foot_force = step * 0.01, 2.119
@@ -253,7 +253,7 @@ def blank(o: Observation) -> None:
 
 def landed(spoil: Callable[[Observation], None], lost: Callable[[int], bool], until: float = 8.0) -> tuple[float, str]:
     """When the guard lands a lamp that is spoiled in each reading that is not lost [s], and why."""
-    guard = Guard(LAMP)
+    guard = Guard(LAMP, TRAITS)
     for tick in range(1, round(until / 0.02)):
         seen = observation()
         seen.time = tick * 0.02
@@ -300,7 +300,7 @@ def test_lost_readings_are_no_evidence(spoil: Callable[[Observation], None]) -> 
     """Spoiled for half of what is too long, then nothing is heard, then all is well."""
     at, _ = landed(spoil, lambda tick: False)
     half = round(at / 0.02 / 2)
-    guard = Guard(LAMP)
+    guard = Guard(LAMP, TRAITS)
     for tick in range(1, 8 * half):
         seen = observation()
         seen.time = tick * 0.02
@@ -314,7 +314,7 @@ def test_lost_readings_are_no_evidence(spoil: Callable[[Observation], None]) -> 
 
 @pytest.mark.parametrize("spoil", [stalled, overloaded])
 def test_one_reading_after_a_pause_is_not_the_whole_pause(spoil: Callable[[Observation], None]) -> None:
-    guard = Guard(LAMP)
+    guard = Guard(LAMP, TRAITS)
     for time in (0.02, 0.04, 9.0, 9.02):
         seen = observation()
         seen.time = time
@@ -324,14 +324,14 @@ def test_one_reading_after_a_pause_is_not_the_whole_pause(spoil: Callable[[Obser
 
 
 def test_a_goal_that_arrives_in_between_begins_the_count_anew() -> None:
-    guard = Guard(LAMP)
+    guard = Guard(LAMP, TRAITS)
     for tick in range(1, 10 * GOALS_LOST):
         seen = observation(astray if tick % GOALS_LOST else lambda o: setattr(o.health, "goal", np.ones(3, np.int64)))
         assert guard.check(seen) == Verdict.GO
 
 
 def test_a_low_supply_before_a_pause_says_nothing_of_after_it() -> None:
-    guard = Guard(LAMP)
+    guard = Guard(LAMP, TRAITS)
     for time in (0.0, 5.0):
         seen = observation(low)
         seen.time = time
@@ -341,7 +341,7 @@ def test_a_low_supply_before_a_pause_says_nothing_of_after_it() -> None:
 
 def test_a_force_that_nobody_measured_is_not_stuck() -> None:
     """The same for 0.08 s, then no frame for 0.04 s: not the 0.1 s of a stuck one."""
-    guard = Guard(LAMP)
+    guard = Guard(LAMP, TRAITS)
     for tick in range(7):
         seen = observation(lambda o: None)
         seen.time = tick * 0.02

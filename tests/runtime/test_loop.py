@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 
 from robolamp.errors import BusError, SafetyError
-from robolamp.robot.lamp import WATCHDOG
+from robolamp.robot.lamp import WATCHDOG, servo_traits
+from robolamp.runtime.clock import MAX_PERIOD
 from robolamp.runtime.health import ANGLE_AGE
-from robolamp.runtime.loop import LANDING, START_HOLD, START_MOVE, run
-from robolamp.runtime.release import RELEASE_TIME
-from robolamp.runtime.replug import REPLUG_TIME
-from robolamp.runtime.schedule import MAX_PERIOD
-from robolamp.runtime.softly import smooth
+from robolamp.runtime.loop import LANDING, REPLUG_TIME, START_HOLD, START_MOVE, run
 from robolamp.runtime.stop import StopRequest
+from robolamp.runtime.torque import RELEASE_TIME, smooth
 from robolamp.signals import Command, Observation, Tick
 
 from .fake import LAMP, FakeClock, FakeLamp, Wave
@@ -214,6 +212,7 @@ def test_a_period_that_starves_the_watchdog_is_refused() -> None:
 
 def test_a_bus_too_slow_for_the_period_is_refused() -> None:
     slow, lamp = dataclasses.replace(LAMP, bus_baud=57_600), FakeLamp()
+    lamp.traits = servo_traits(slow)
     with pytest.raises(
         SafetyError, match=r"38\.3 ms on .* bus\.baud = 57600, more than 80% of control_period = 0\.02 s"
     ):

@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robolamp.cli.drive import Drive, VirtualTime, drive
+from robolamp.cli.drive import Drive, drive
 from robolamp.cli.options import Setup
 from robolamp.emulator.faults import Event, Faults
 from robolamp.emulator.lamp import EmulatedLamp
 from robolamp.emulator.lockstep import Lockstep
 from robolamp.emulator.reality import load_reality
 from robolamp.log.reader import read_run
+from robolamp.robot.connection import Connection
 from robolamp.runtime.health import GOALS_LOST
 from robolamp.runtime.result import RunResult
 from robolamp.runtime.stop import StopRequest
@@ -29,7 +30,7 @@ def driven_with(log: Path, *events: Event) -> RunResult:
     world = EmulatedLamp(setup.lamp, setup.calibration, setup.assets, reality, faults=Faults("x", events=events))
     ports = Lockstep(world, setup.lamp.bus_baud)
     plan = Drive(setup, setup.controller("hop", on_board=True), 0.2, DURATION, "emulator", log, resume=True)
-    return drive(plan, ports.servo_port, ports.foot_port, StopRequest(), True, VirtualTime(ports.clock, 0))
+    return drive(plan, Connection(ports.servo_port, ports.foot_port, ports.clock, 0), StopRequest(), True)
 
 
 @pytest.mark.parametrize(

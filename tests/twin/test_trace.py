@@ -49,9 +49,9 @@ def test_a_recording_changes_nothing_and_holds_what_was_seen_and_sent() -> None:
     assert column["t"][0] == pytest.approx(np.arange(50) * PERIOD)
     assert (column["goal_dist"][:2] == np.array([[0.1], [0.3]])).all()
     for lane, compiled in ((0, programs[0]), (2, programs[1])):
-        envelope = Envelope(LAMP.lower, LAMP.upper, LAMP.slew, PERIOD, np.zeros((1, N)))
+        envelope = Envelope(LAMP.lower, LAMP.upper, LAMP.slew, PERIOD, np.zeros(N))
         for tick in range(trace.ticks[lane]):
-            wanted = np.array([compiled.run(trace.inputs[lane, tick].tolist())])
+            wanted = np.array(compiled.run(trace.inputs[lane, tick].tolist()))
             assert (envelope.apply(wanted) == trace.goals[lane, tick]).all()
 
 

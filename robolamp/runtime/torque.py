@@ -1,4 +1,4 @@
-"""What keeps a start from being a jump: where every joint is, whether its first goal is near, the curve to the next."""
+"""Torque on without a jump, and off for certain: where every joint is, the curve to the next goal, who still holds."""
 
 from __future__ import annotations
 
@@ -7,13 +7,18 @@ from numpy.typing import NDArray
 
 from robolamp.errors import BusError, SafetyError
 from robolamp.lamp import Lamp
-from robolamp.runtime.schedule import PERIOD
+from robolamp.runtime.clock import PERIOD
 from robolamp.signals import LampBackend
 
 Array = NDArray[np.float64]
 
 LOOKS = 5
 """Observations taken to see every joint before torque goes on, and every torque off at the end."""
+
+RELEASE_TIME = 2.0
+"""How long servos that do not confirm that their torque is off are told again at the end [s]."""
+
+_AGAIN = 0.1  # s: between two tellings
 
 
 def smooth(share: float) -> float:
@@ -64,3 +69,37 @@ def first_goal(angle: Array, lamp: Lamp, period: float) -> Array:
                 str(lamp.path),
             )
     return goals
+
+
+def still_held(backend: LampBackend, *, powered: bool) -> dict[str, str]:
+    """Return the joints whose torque is not confirmed to be off, told again until it is or `RELEASE_TIME` is over.
+
+    Args:
+        backend: The lamp, told already.
+        powered: Whether its torque may have been on: if not, one that does not answer is none to worry about, and none
+            is told again.
+
+    Returns:
+        "still" or, of one that does not answer, "perhaps still", by joint.
+    """
+    clock = backend.clock
+    torque = _torque(backend)
+    end = clock.now() + RELEASE_TIME
+    while powered and torque.any() and clock.now() < end:
+        clock.sleep_until(clock.now() + _AGAIN)
+        backend.torque(False)
+        torque = _torque(backend)
+    return {
+        name: "still" if state > 0 else "perhaps still"
+        for name, state in zip(backend.joints, torque, strict=True)
+        if state > 0 or (state < 0 and powered)
+    }
+
+
+def _torque(backend: LampBackend) -> NDArray[np.int64]:
+    """Return Torque Enable of each servo, the last of a few looks: 1 on, 0 off, -1 unknown."""
+    for _ in range(LOOKS - 1):
+        torque = backend.observe().health.torque
+        if not torque.any():
+            return torque
+    return backend.observe().health.torque
