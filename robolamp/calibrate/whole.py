@@ -14,7 +14,7 @@ from robolamp.calibrate.session import LampRecording
 from robolamp.twin.bank import goals_by_step
 from robolamp.twin.model import TwinModel
 from robolamp.twin.motors import Motors, Views
-from robolamp.twin.servo import write_motors
+from robolamp.twin.servo import REFERENCE_TEMPERATURE
 
 Array = NDArray[np.float64]
 
@@ -64,15 +64,11 @@ def simulate(recording: LampRecording, twins: Sequence[TwinModel]) -> Simulated:
     views = Views.of_batch(batch, twins, gains=True)
     # Voltages are as recorded, sag and all.
     drive = Motors([replace(each, supply_resistance=0.0) for each in twins], views)
-    qpos, qvel, gainprm, sensors = views.qpos, views.qvel, views.gains, batch.bind("sensordata")
+    drive.p_gain[:] = recording.p_gain
+    qpos, qvel, sensors = views.qpos, views.qvel, batch.bind("sensordata")
+    temperature = np.nan_to_num(run.temperature[rows], nan=REFERENCE_TEMPERATURE)
     voltage = _smooth(run.voltage[rows], twin.voltage)
     every = np.arange(lanes)
-
-    def motors(volts: Array, torque: bool) -> None:
-        for lane, each in enumerate(twins):
-            block = gainprm[lane, twin.actuator]
-            write_motors(block, each.servos, recording.p_gain, volts, np.full(len(volts), torque))
-            gainprm[lane, twin.actuator] = block
 
     def advance() -> None:
         drive.before_step()
@@ -83,7 +79,7 @@ def simulate(recording: LampRecording, twins: Sequence[TwinModel]) -> Simulated:
     qpos[:] = twin.model.key_qpos[0]
     drive.place(_first_known(run.angle[rows]))
     drive.forget(hold)
-    motors(voltage[0], True)
+    drive.full[:] = voltage[0]
     for _ in range(round(SETTLE / dt)):
         advance()
     # Goals are under way and the foot is on the floor now; the joints fell a little until the goals came.
@@ -97,16 +93,12 @@ def simulate(recording: LampRecording, twins: Sequence[TwinModel]) -> Simulated:
     angles, forces = np.empty((count, lanes, len(twin.qpos))), np.empty((count, lanes))
     base = np.empty((count, lanes))
     warned = batch.warning[:, :, 1].copy()
-    before = (-1, True)
     for step in range(count):
         angles[step], base[step] = drive.angle, qpos[:, 0]
         forces[step] = sensors[:, twin.foot_sensor]
         torque = bool(time[step] + dt / 2 < recording.limp_from)
-        tick = int(at_tick[step])
-        if (tick, torque) != before:
-            if before[0] < 0 or torque != before[1] or (voltage[tick] != voltage[before[0]]).any():
-                motors(voltage[tick], torque)
-            before = (tick, torque)
+        drive.full[:], drive.temperature[:] = voltage[at_tick[step]], temperature[at_tick[step]]
+        drive.driven[:] = torque
         drive.goal[:] = goals[step]
         advance()
     diverged = (batch.warning[:, :, 1] > warned).any(axis=1)
