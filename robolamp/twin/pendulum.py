@@ -76,7 +76,7 @@ class PendulumTwin:
 
 
 def build_pendulum(servos: ServoParameters, load: Load, timestep: float) -> PendulumTwin:
-    """Compile a pendulum on a servo.
+    """Compile a pendulum on a servo, its winding open.
 
     Args:
         servos: The one servo.
@@ -94,5 +94,5 @@ def build_pendulum(servos: ServoParameters, load: Load, timestep: float) -> Pend
     mass, centre, inertia = load.body
     body.explicitinertial, body.mass, body.ipos, body.inertia = True, mass, [0.0, 0.0, -centre], [inertia] * 3
     actuator = spec.add_actuator(name="servo", target="shaft", trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    set_motor(actuator, servos.table[0], PendulumTwin.p_gain[0], PendulumTwin.voltage)
+    set_motor(actuator, servos.table[0], PendulumTwin.p_gain[0], PendulumTwin.voltage, torque=False)
     return PendulumTwin(spec.compile(), servos)

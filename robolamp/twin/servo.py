@@ -251,7 +251,9 @@ def write_motor(
         row[_KP], row[_KD] = gain * k / resistance, k * k / resistance
 
 
-def set_motor(actuator: mujoco.MjsActuator, servo: NDArray[np.float64], p_gain: float, voltage: float) -> None:
+def set_motor(
+    actuator: mujoco.MjsActuator, servo: NDArray[np.float64], p_gain: float, voltage: float, *, torque: bool = True
+) -> None:
     """Write one servo's motor and controller into a model specification; its delay is `robolamp.twin.motors`' to keep.
 
     Args:
@@ -259,9 +261,10 @@ def set_motor(actuator: mujoco.MjsActuator, servo: NDArray[np.float64], p_gain: 
         servo: The servo's parameters.
         p_gain: Position P Gain register (84).
         voltage: Supply voltage [V].
+        torque: Whether Torque Enable is 1; else the winding is open.
     """
-    row = np.zeros(_VMAX + 1)
-    write_motor(row, servo, servo[_RESISTANCE], voltage_gain(servo, p_gain, voltage), voltage)
+    row, resistance = np.zeros(_VMAX + 1), servo[_RESISTANCE] if torque else OPEN
+    write_motor(row, servo, resistance, voltage_gain(servo, p_gain, voltage), voltage)
     actuator.set_to_dcmotor(
         motorconst=[row[_K], row[_K]],
         resistance=row[_R],
