@@ -250,7 +250,9 @@ def _swing(
         else:
             volt = volts[row] + more
             drop = driving / k * resistance
-            resistance = effective_resistance(p, temperature[row], drop, speed, volt) / share
+            resistance = effective_resistance(p, temperature[row], drop, speed, volt)
+            if share < 1.0:
+                resistance /= share
             gain = voltage_gain(p, p_gain[at], volt)
             driving = motor_torque(p, resistance, gain, goal - offset - angle, speed, volt)
         viscous = viscous_friction(p, temperature[row])

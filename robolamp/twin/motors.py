@@ -181,6 +181,7 @@ class Motors:
         self._where = np.stack([twin.qpos, twin.gears.qpos, twin.dof, twin.gears.dof, twin.actuator])
         self._table = np.stack([each.servos.table for each in twins])[variant]
         self._supply = np.array([each.supply_resistance for each in twins])[variant]
+        self._thickens = any(each.servos.viscous_temperature.any() for each in twins)
         self._slack = np.stack([each.gears.slack for each in twins])[variant]
         self._every = np.arange(lanes)
         self.p_gain = np.stack([each.p_gain for each in twins])[variant]
@@ -270,7 +271,7 @@ class Motors:
                 lanes, self._where, self._table, views.motor, views.qvel, self.temperature, self.p_gain, self.by_duty,
                 self.limit, self.driven, self._supply, self.full, self.voltage, self._resistance, views.gains,
             )  # fmt: skip
-        if len(views.viscous):
+        if self._thickens:
             _thicken(lanes, self._where, self._table, self.temperature, views.viscous)
         if self._springs.size:
             gap = np.abs(views.qpos[:, gears.qpos] - views.qpos[:, self._qpos])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import math
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -74,7 +75,7 @@ def recorded() -> Recording:
     """What the servo is told and fed, as a recording of a sample a step."""
     time, nothing = np.arange(COUNT + 1) * DT, np.full(COUNT + 1, math.nan)
     return Recording(
-        name="", path=Assets().packaged, sha256="", source="csv", servo=MODEL, joint="", time=time, goal_time=time,
+        name="", path=Path("made.csv"), sha256="", source="csv", servo=MODEL, joint="", time=time, goal_time=time,
         goal=np.append(GOALS, GOALS[-1]), angle=np.zeros(COUNT + 1), velocity=np.zeros(COUNT + 1), current=nothing,
         pwm=nothing, voltage=np.full(COUNT + 1, VOLTS), temperature=np.full(COUNT + 1, WARM),
         torque=np.ones(COUNT + 1, bool), p_gain=np.full(COUNT + 1, float(GAIN)), mass=LOAD.mass, length=LOAD.length,
