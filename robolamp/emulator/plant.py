@@ -67,6 +67,7 @@ class Plant:
         self._held = self._motors.held[0]
         self._held[:] = True
         self._steps = 0
+        self._known: tuple[Array, Array] | None = None  # duties and currents: servos ask often
         mujoco.mj_resetDataKeyframe(self._model, data, 0)
         for _ in range(round(_SETTLE / self.timestep)):
             self.step()
@@ -106,12 +107,12 @@ class Plant:
     @property
     def current(self) -> Array:
         """Currents drawn from the supply, shape (n,) [A]; see `Motors.current`."""
-        return self._motors.current[0]
+        return self._drawn()[1]
 
     @property
     def duty(self) -> Array:
         """Motor voltages by supply voltage, shape (n,); 0 where the winding is open."""
-        return self._motors.duty[0]
+        return self._drawn()[0]
 
     @property
     def voltage(self) -> float:
@@ -145,7 +146,10 @@ class Plant:
         Args:
             volts: By how much [V]; it stays above `LEAST_VOLTAGE`.
         """
-        self._motors.charge(max(self._twin.voltage - volts, LEAST_VOLTAGE))
+        voltage = max(self._twin.voltage - volts, LEAST_VOLTAGE)
+        if voltage != self.voltage:
+            self._motors.charge(voltage)
+            self._known = None
 
     def step(self) -> None:
         """Advance by one physics step.
@@ -166,8 +170,13 @@ class Plant:
             raise RobolampError(
                 "the physics diverged; check masses, sizes and servo parameters", str(self._twin.lamp.path)
             )
-        self._steps += 1
+        self._steps, self._known = self._steps + 1, None
         self._driver.after_step()
+
+    def _drawn(self) -> tuple[Array, Array]:
+        if self._known is None:
+            self._known = self._motors.duty[0], self._motors.current[0]
+        return self._known
 
     def truth(self) -> Truth:
         """Return what really happens now."""
