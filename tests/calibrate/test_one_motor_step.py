@@ -73,7 +73,7 @@ def of_emulated_pendulum() -> dict[str, np.ndarray]:
 
 def recorded() -> Recording:
     """What the servo is told and fed, as a recording of a sample a step."""
-    time, nothing = np.arange(COUNT + 1) * DT, np.full(COUNT + 1, math.nan)
+    time, nothing = np.asarray(np.arange(COUNT + 1) * DT, np.float64), np.full(COUNT + 1, math.nan)
     return Recording(
         name="", path=Path("made.csv"), sha256="", source="csv", servo=MODEL, joint="", time=time, goal_time=time,
         goal=np.append(GOALS, GOALS[-1]), angle=np.zeros(COUNT + 1), velocity=np.zeros(COUNT + 1), current=nothing,
