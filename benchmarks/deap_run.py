@@ -37,7 +37,7 @@ from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.judge import FALLEN_HEAD, FALLEN_TILT, GOAL_RADIUS, Outcome
 from robolamp.twin.lamps import settle
 from robolamp.twin.model import TwinModel, build
-from robolamp.twin.servo import friction_loss
+from robolamp.twin.motors import Motors, Views
 
 ASSETS = Assets()
 LAMP = load_lamp(ASSETS)
@@ -96,16 +96,14 @@ def simulate(setup: Setup, functions: Sequence[Callable[..., float]], goal: floa
     data = mujoco.MjData(model)
     mujoco.mj_setState(model, data, setup.state, mujoco.mjtState.mjSTATE_INTEGRATION)
     mujoco.mj_forward(model, data)
-    friction = twin.servos.friction()[None]
-    motor, bias, velocity = data.qfrc_actuator[None], data.qfrc_bias[None], data.qvel[None]
-    loss = model.dof_frictionloss[None]
+    motors = Motors([twin], Views.of_one(model, data))
     lower, upper = LAMP.lower.tolist(), LAMP.upper.tolist()
     step = (LAMP.slew * task.control_period).tolist()
     joints = twin.qpos.tolist()
     substeps = round(task.control_period / twin.timestep)
     delay = round(twin.line_delay / twin.timestep)
     limit, (radius, half) = math.cos(FALLEN_TILT), twin.head_size
-    sent, one = [0.0] * len(joints), np.zeros(1, np.int64)
+    sent = [0.0] * len(joints)
     now, x, after, arrival, fallen = 0.0, float(data.qpos[0]), 0.0, math.nan, False
     for tick in range(round(task.duration / task.control_period)):
         px, py, pz = data.qpos[:3].tolist()
@@ -123,8 +121,8 @@ def simulate(setup: Setup, functions: Sequence[Callable[..., float]], goal: floa
                 inside = min(max(wanted, lower[index]), upper[index])
                 sent[index] = min(max(inside, last[index] - step[index]), last[index] + step[index])
         for substep in range(substeps):
-            data.ctrl[:] = last if substep < delay else sent
-            friction_loss(one, friction, twin.dof, motor, bias, velocity, loss)
+            motors.goal[0] = last if substep < delay else sent
+            motors.before_step()
             mujoco.mj_step(model, data)
             now += twin.timestep
             moved, x = abs(float(data.qpos[0]) - x), float(data.qpos[0])

@@ -1,6 +1,6 @@
 """A servo with a pendulum on its shaft, in MuJoCo: many recordings and many parameter sets at once, open loop.
 
-The motor is `robolamp.twin.servo`'s, the same kernels that the lamp's twin calls before each step. A goal that changes
+The motor is `robolamp.twin.motors`', as in the lamp's twin. A goal that changes
 between two steps counts in each for its share, so that results are smooth in the delay.
 """
 
@@ -13,24 +13,16 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from robolamp.calibrate.pendulum import (
-    COLUMN,
-    OPEN,
-    TIMESTEP,
-    Track,
-    goal_of_step,
-    require_pendulum,
-)
-from robolamp.calibrate.recordings import COUNTS_PER_RADIAN, FULL_DUTY, Recording
+from robolamp.calibrate.pendulum import COLUMN, PARAMETERS, TIMESTEP, Track, goal_of_step, require_pendulum
+from robolamp.calibrate.recordings import Recording
 from robolamp.jit import njit
 from robolamp.twin.lanes import deal
-from robolamp.twin.pendulum import pendulum_model
-from robolamp.twin.servo import friction_loss, weaken
+from robolamp.twin.motors import Motors, Views
+from robolamp.twin.pendulum import build_pendulum
+from robolamp.twin.servo import ServoParameters
 
 Array = NDArray[np.float64]
 
-_R, _KP, _KD, _VMAX = 0, 4, 6, 7  # columns of a dcmotor's actuator_gainprm
-_DOF = np.zeros(1, np.int64)
 _TOLD = 500  # steps after which the share that is done is told
 
 
@@ -65,7 +57,6 @@ class Bench:
         self._workers = workers
         self.steps = 0
         self._share, self._taken, self._lock = share, 0, threading.Lock()
-        self._model = pendulum_model(timestep)
         self._tracks = [Track(recording, timestep) for recording in recordings]
 
     def simulate(self, parameters: Array, which: Sequence[int] | None = None) -> list[Array]:
@@ -91,20 +82,21 @@ class Bench:
         tracks = [self._tracks[index] for index, _ in jobs]
         lanes, longest = len(jobs), max(track.steps for track in tracks)
         sets = np.ascontiguousarray(parameters[[row for _, row in jobs]])
-        batch = Batch(self._model, lanes, 1)
+        at_once = [{**dict(zip(PARAMETERS, values, strict=True)), "delay": 0.0} for values in sets]  # goals come late
+        twins = [
+            build_pendulum(ServoParameters.single(values), track.load, self.timestep)
+            for values, track in zip(at_once, tracks, strict=True)
+        ]
+        batch = Batch(twins[0].model, lanes, 1)
         _set_constants(batch, tracks, sets)
-        qpos, qvel, ctrl = batch.bind("qpos"), batch.bind("qvel"), batch.bind("ctrl")
-        motor, bias = batch.bind("qfrc_actuator"), batch.bind("qfrc_bias")
-        loss, gain, damping = (
-            batch.expand(name) for name in ("dof_frictionloss", "actuator_gainprm", "actuator_damping")
-        )
+        views = Views.of_batch(batch, twins, gains=True)
+        motors, qpos, qvel = Motors(twins, views), views.qpos, views.qvel
         # Inside, the angle is the pendulum's own; the encoder's differs by its offset.
         offset = sets[:, COLUMN["encoder_offset"]]
         qpos[:, 0] = np.array([track.start[0] for track in tracks]) - offset
         qvel[:, 0] = np.array([track.start[1] for track in tracks])
         batch.forward()
         inputs = _Inputs(tracks)
-        friction, weakness = _coefficients(sets)
         angles = np.empty((longest + 1, lanes))
         angles[0] = qpos[:, 0]
         alive = every = np.arange(lanes)
@@ -113,9 +105,8 @@ class Bench:
         for step in range(longest):
             if step in due:
                 alive = every[ends > step]
-            inputs.drive(step * self.timestep, self.timestep, sets, ctrl, gain, damping, weakness)
-            weaken(weakness, _DOF, _DOF, motor, qvel, gain)
-            friction_loss(alive, friction, _DOF, motor, bias, qvel, loss)
+            inputs.drive(step * self.timestep, self.timestep, sets, motors)
+            motors.before_step(alive)
             batch.step(alive, 1)
             angles[step + 1] = qpos[:, 0]
             if (step + 1) % _TOLD == 0:
@@ -143,15 +134,11 @@ class _Inputs:
         self._release = np.array([track.release for track in tracks])
         self._cursor = np.zeros((len(tracks), 2), np.int64)
 
-    def drive(
-        self, now: float, timestep: float, sets: Array, ctrl: Array, gain: Array, damping: Array, weakness: Array
-    ) -> None:
+    def drive(self, now: float, timestep: float, sets: Array, motors: Motors) -> None:
         """Give every lane what its servo is told and fed in the next step; see `_drive`."""
-        times, goals, samples, volts, warmth, torque, p_gain = self._arrays
         _drive(
-            now, timestep, sets, times, goals, samples, volts, warmth, torque, p_gain, self._release,
-            self._cursor,
-            ctrl, gain, damping, weakness,
+            now, timestep, sets, *self._arrays, self._release, self._cursor,
+            motors.goal, motors.p_gain, motors.driven, motors.temperature, motors.full,
         )  # fmt: skip
 
 
@@ -162,35 +149,10 @@ def _set_constants(batch: Batch, tracks: Sequence[Track], sets: Array) -> None:
     batch.expand("body_ipos")[:, 1, 2] = -centre
     batch.expand("body_inertia")[:, 1] = inertia[:, None]
     batch.expand("actuator_armature")[:, 0] = sets[:, COLUMN["armature"]]
-    k = sets[:, COLUMN["torque_constant"]]
-    batch.expand("actuator_gainprm")[:, 0, 1] = k
-    batch.expand("actuator_gainprm")[:, 0, _R] = OPEN
     batch.set_const()
 
 
-def _coefficients(sets: Array) -> tuple[Array, Array]:
-    """Return what `friction_loss` and `weaken` take, shapes (lanes, 1, 9) and (lanes, 1, 5)."""
-
-    def column(name: str) -> Array:
-        return sets[:, COLUMN[name]]
-
-    friction = [
-        column("coulomb"), column("stribeck"), 1.0 / column("stribeck_velocity"), column("load_motor"),
-        column("load_external"), column("load_external_stribeck"), column("load_motor_stribeck"),
-        column("stribeck_exponent"), column("asymmetry"),
-    ]  # fmt: skip
-    names = ("torque_constant", "resistance", "saturation", "supply_resistance", "resistance")
-    weakness = [column(name) for name in names]
-    return np.stack(friction, axis=1)[:, None], np.stack(weakness, axis=1)[:, None]
-
-
-_K, _RESISTANCE, _VISCOUS, _DIVISOR, _DELAY, _WARM_R, _WARM_B, _SATURATION, _SUPPLY, _OFFSET = (
-    COLUMN[name]
-    for name in (
-        "torque_constant", "resistance", "viscous", "gain_divisor", "delay", "resistance_temperature",
-        "viscous_temperature", "saturation", "supply_resistance", "encoder_offset",
-    )
-)  # fmt: skip
+_DELAY, _OFFSET = COLUMN["delay"], COLUMN["encoder_offset"]
 
 
 @njit(nogil=True, error_model="numpy")
@@ -202,15 +164,16 @@ def _drive(
     goals: Array,
     samples: Array,
     volts: Array,
-    warmth: Array,
+    temperature: Array,
     torque: Array,
     p_gain: Array,
     release: Array,
     cursor: NDArray[np.int64],
-    ctrl: Array,
+    goal: Array,
     gain: Array,
-    damping: Array,
-    weakness: Array,
+    driven: Array,
+    warmth: Array,
+    full: Array,
 ) -> None:
     """Give every lane what its servo is told and fed in the next step.
 
@@ -222,39 +185,27 @@ def _drive(
         goals: Shape (lanes, k) [rad].
         samples: When each sample was taken, shape (lanes, k) [s], infinite beyond the end.
         volts: Supply at each sample [V].
-        warmth: Degrees above the reference temperature at each sample.
+        temperature: At each sample [degC].
         torque: Torque Enable with each goal.
         p_gain: Position P Gain with each goal.
         release: When torque goes off, whatever the goals say, shape (lanes,) [s].
         cursor: The goal and the sample in force, shape (lanes, 2); written to.
-        ctrl: Shape (lanes, 1); written to.
-        gain: `actuator_gainprm`, shape (lanes, 1, 10); written to.
-        damping: `actuator_damping`, shape (lanes, 1); written to.
-        weakness: What `weaken` takes, shape (lanes, 1, 5); written to.
+        goal: This and what follows as in `Motors`, shape (lanes, 1); written to.
+        gain: `p_gain`.
+        driven: See there.
+        warmth: `temperature`.
+        full: See there.
     """
     for lane in range(sets.shape[0]):
         values = sets[lane]
         begin = time - values[_DELAY]
-        goal, at = goal_of_step(times[lane], goals[lane], cursor[lane, 0], begin, begin + timestep)
+        told, at = goal_of_step(times[lane], goals[lane], cursor[lane, 0], begin, begin + timestep)
         cursor[lane, 0] = at
         row = cursor[lane, 1]
         while samples[lane, row + 1] <= time:
             row += 1
         cursor[lane, 1] = row
-        motor = gain[lane, 0]
-        warm = warmth[lane, row]
-        resistance = values[_RESISTANCE] * max(1.0 + values[_WARM_R] * warm, 0.1)
-        weakness[lane, 0, 1] = resistance
-        damping[lane, 0] = values[_VISCOUS] * np.exp(values[_WARM_B] * warm)
-        share = min((release[lane] - time) / timestep, 1.0)  # of this step in which the motor is driven
-        if torque[lane, at] == 0.0 or share <= 0.0:
-            motor[_R], motor[_KP], motor[_KD] = OPEN, 0.0, 0.0
-            continue
-        if motor[_R] == OPEN or (values[_SATURATION] == 0.0 and values[_SUPPLY] == 0.0):
-            motor[_R] = resistance
-        if share < 1.0:
-            motor[_R] /= share
-        k, volt = values[_K], volts[lane, row]
-        kv = p_gain[lane, at] * COUNTS_PER_RADIAN / (values[_DIVISOR] * FULL_DUTY) * volt
-        motor[_KP], motor[_KD], motor[_VMAX] = kv * k / motor[_R], k * k / motor[_R], volt
-        ctrl[lane, 0] = goal - values[_OFFSET]
+        share = min(max((release[lane] - time) / timestep, 0.0), 1.0)  # of this step in which the motor is driven
+        goal[lane, 0], gain[lane, 0] = told - values[_OFFSET], p_gain[lane, at]
+        driven[lane, 0] = share if torque[lane, at] else 0.0
+        warmth[lane, 0], full[lane, 0] = temperature[lane, row], volts[lane, row]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from robolamp.calibrate.ladder import Chart
 from robolamp.calibrate.least_squares import Robust, correlation_length, posterior, search
 from robolamp.calibrate.pendulum import Pendulum, parameter_set
-from robolamp.dynamixel.registers import VOLTAGE_UNIT
+from robolamp.dynamixel.registers import RAD_PER_COUNT, VOLTAGE_UNIT
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,6 @@ _ROBUST = 0.7
 _FINE = 0.5  # a fit that leaves less than this share of SCALE is done again in what it leaves
 # No servo is known better than to a count, and for neighbouring samples the rounding is alike: without these two, exact
 # recordings tell apart by the fifth digit what no recording of a real servo does.
-_FLOOR = 2 * np.pi / 4096  # [rad]
 _ALIKE = 0.02  # [s]
 # A supply that stands still is read with one and the same rounding, evenly spread over a step: its standard deviation.
 _SUPPLY = VOLTAGE_UNIT / np.sqrt(12.0)  # [V]
@@ -201,4 +200,4 @@ class Problem:
             max(correlation_length(part) * duration / len(part), _ALIKE)
             for part, duration in zip(np.split(errors, np.cumsum(self._length)[:-1]), self._duration, strict=True)
         ]
-        return max(float(np.sqrt(np.mean(errors**2))), _FLOOR), np.array(times)
+        return max(float(np.sqrt(np.mean(errors**2))), RAD_PER_COUNT), np.array(times)

@@ -15,12 +15,21 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.calibrate.recordings import COUNTS_PER_RADIAN, FULL_DUTY, Recording
+from robolamp.calibrate.recordings import Recording
 from robolamp.calibration import JOINT, SERVO
 from robolamp.errors import FileError
 from robolamp.jit import njit
 from robolamp.twin.pendulum import FIRM, POINT, QUICK, Load
-from robolamp.twin.servo import REFERENCE_TEMPERATURE
+from robolamp.twin.servo import (
+    OPEN,
+    REFERENCE_TEMPERATURE,
+    TORQUE_CONSTANT,
+    effective_resistance,
+    friction_loss,
+    motor_torque,
+    viscous_friction,
+    voltage_gain,
+)
 
 Array = NDArray[np.float64]
 
@@ -32,9 +41,6 @@ COLUMN = {name: column for column, name in enumerate(PARAMETERS)}
 
 TIMESTEP = 0.001
 """Physics step [s]."""
-
-OPEN = 1e9
-"""Resistance of a winding without torque [Ohm]."""
 
 _GRAVITY = 9.81  # MuJoCo's [m/s^2]
 _SMOOTH = 0.5  # see `supply` [s]
@@ -91,13 +97,12 @@ class Track:
         self.samples = recording.time - begin
         self.steps = math.ceil(self.samples[-1] / timestep)
         self.grid = np.arange(self.steps + 1) * timestep
-        warmth = recording.temperature - REFERENCE_TEMPERATURE
         self.arrays = (
             np.append(recording.goal_time - begin, math.inf),
             np.append(recording.goal, recording.goal[-1]),
             np.append(self.samples, math.inf),
             np.append(supply(recording), math.nan),
-            np.append(np.where(np.isfinite(warmth), warmth, 0.0), math.nan),
+            np.append(np.nan_to_num(recording.temperature, nan=REFERENCE_TEMPERATURE), math.nan),
             np.append(recording.torque, False).astype(np.float64),
             np.append(recording.p_gain, math.nan),
         )
@@ -178,18 +183,7 @@ def require_pendulum(recordings: Sequence[Recording]) -> None:
             )
 
 
-(
-    _K, _RESISTANCE, _ARMATURE, _VISCOUS, _COULOMB, _STRIBECK, _STRIBECK_W, _LOAD_M, _LOAD_E, _LOAD_E_STILL, _DIVISOR,
-    _DELAY, _EXPONENT, _LOAD_M_STILL, _ASYMMETRY, _SATURATION, _SUPPLY, _WARM_R, _WARM_B, _OFFSET,
-) = (
-    COLUMN[name]
-    for name in (
-        "torque_constant", "resistance", "armature", "viscous", "coulomb", "stribeck", "stribeck_velocity",
-        "load_motor", "load_external", "load_external_stribeck", "gain_divisor", "delay", "stribeck_exponent",
-        "load_motor_stribeck", "asymmetry", "saturation", "supply_resistance", "resistance_temperature",
-        "viscous_temperature", "encoder_offset",
-    )
-)  # fmt: skip
+_ARMATURE, _DELAY, _OFFSET = (COLUMN[name] for name in ("armature", "delay", "encoder_offset"))
 
 
 @njit(nogil=True, error_model="numpy")
@@ -224,7 +218,7 @@ def _swing(
     goals: Array,
     samples: Array,
     volts: Array,
-    warmth: Array,
+    temperature: Array,
     torque: Array,
     p_gain: Array,
     angles: Array,
@@ -238,52 +232,33 @@ def _swing(
     """
     inertia = p[_ARMATURE] + own + POINT
     weight, damp = moment * _GRAVITY, 2.0 / (FIRM * QUICK)
-    offset, k = p[_OFFSET], p[_K]
+    offset, k = p[_OFFSET], p[TORQUE_CONSTANT]
     angle, speed = begin[0] - offset, begin[1]
     at, row, done, step = 0, 0, 0, 0
-    winding, driving, volt = OPEN, 0.0, 0.0
+    resistance, driving = OPEN, 0.0
     external = -weight * math.sin(angle)
-    weak = p[_SATURATION] != 0.0 or p[_SUPPLY] != 0.0
     while True:
         time = step * timestep
         goal, at = goal_of_step(times, goals, at, time - p[_DELAY], time + timestep - p[_DELAY])
         while samples[row + 1] <= time:
             row += 1
-        warm = warmth[row]
-        resistance = p[_RESISTANCE] * max(1.0 + p[_WARM_R] * warm, 0.1)
-        viscous = p[_VISCOUS] * math.exp(p[_WARM_B] * warm)
+        loss = friction_loss(p, driving, external, speed)  # from the torques of the last step
+        external = -weight * math.sin(angle)
         share = min((release - time) / timestep, 1.0)  # of this step in which the motor is driven
         if torque[at] == 0.0 or share <= 0.0:
-            winding = OPEN
+            resistance, driving = OPEN, 0.0
         else:
-            if winding == OPEN or not weak:
-                winding = resistance
             volt = volts[row] + more
-            if weak:  # as `robolamp.twin.servo.weaken`
-                drop = driving / k * winding
-                duty = (drop + k * speed) / volt
-                winding = resistance * (1.0 + p[_SATURATION] * abs(drop / resistance))
-                winding += p[_SUPPLY] * min(duty * duty, 1.0)
+            drop = driving / k * resistance
+            resistance = effective_resistance(p, temperature[row], drop, speed, volt)
             if share < 1.0:
-                winding /= share
-        # As `robolamp.twin.servo.friction_loss`, from the torques of the last step.
-        relative = abs(speed) / p[_STRIBECK_W]
-        still = math.exp(-relative if p[_EXPONENT] == 1.0 else -(relative ** p[_EXPONENT]))
-        loss = p[_COULOMB] + abs(p[_LOAD_E] * external - p[_LOAD_M] * driving)
-        loss += still * (p[_STRIBECK] + p[_LOAD_E_STILL] * abs(external) + p[_LOAD_M_STILL] * abs(driving))
-        if p[_ASYMMETRY] != 0.0:
-            heading = speed if speed != 0.0 else external + driving
-            loss *= 1.0 + p[_ASYMMETRY] * np.sign(heading)
-        external = -weight * math.sin(angle)
-        if winding == OPEN:
-            driving = 0.0
-        else:
-            gain = p_gain[at] * COUNTS_PER_RADIAN / (p[_DIVISOR] * FULL_DUTY) * volt
-            applied = min(max(gain * (goal - offset - angle), -volt), volt)
-            driving = k * (applied - k * speed) / winding
+                resistance /= share
+            gain = voltage_gain(p, p_gain[at], volt)
+            driving = motor_torque(p, resistance, gain, goal - offset - angle, speed, volt)
+        viscous = viscous_friction(p, temperature[row])
         free = driving + external - viscous * speed
         friction = min(max(-FIRM * (free + inertia * damp * speed), -loss), loss)
-        speed += timestep * (free + friction) / (inertia + timestep * (viscous + k * k / winding))
+        speed += timestep * (free + friction) / (inertia + timestep * (viscous + k * k / resistance))
         ahead = angle + timestep * speed
         step += 1
         while done < angles.shape[0] and samples[done] <= step * timestep:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from robolamp.calibrate.manifest import NAME as MANIFEST
 from robolamp.calibrate.recording_table import parse_table
+from robolamp.dynamixel.registers import FULL_PWM
 from robolamp.dynamixel.wire import wire_time
 from robolamp.errors import FileError
 from robolamp.files import all_below, is_file, kind_of, parse_json, parse_toml, read_text, sha256, shown, suffix_of
@@ -35,12 +36,6 @@ SUFFIXES = (".mcap", ".json", ".csv")
 """Of the files that hold recordings."""
 
 _LISTED = 10  # names in a line
-
-FULL_DUTY = 885.0
-"""PWM counts of full duty (e-manual, "PWM Limit")."""
-
-COUNTS_PER_RADIAN = 4096 / (2 * math.pi)
-"""Of the encoder (e-manual, "Present Position")."""
 
 # Rhoban/bam's recorder writes the goal, sleeps 1 ms, reads everything and stamps the middle of the read [s]. A cycle of
 # its recordings with torque off (no write, no sleep) takes 3.46 ms: half of that, and the sleep.
@@ -314,7 +309,7 @@ def _read_bam(path: Path) -> Recording:
         angle=column("position"),
         velocity=column("speed", math.nan),
         current=np.full(count, math.nan),
-        pwm=np.where((np.abs(load) > FULL_DUTY).any(), math.nan, load / FULL_DUTY),
+        pwm=np.where((np.abs(load) > FULL_PWM).any(), math.nan, load / FULL_PWM),
         voltage=column("input_volts", number("vin", default=math.nan) if "vin" in data else math.nan),
         temperature=column("temp", math.nan),
         torque=torque == 1.0,

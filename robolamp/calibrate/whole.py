@@ -13,7 +13,7 @@ from robolamp.calibrate.session import LampRecording
 from robolamp.twin.bank import goals_by_step
 from robolamp.twin.lamps import Lamps
 from robolamp.twin.model import TwinModel
-from robolamp.twin.servo import write_motors
+from robolamp.twin.servo import REFERENCE_TEMPERATURE
 
 Array = NDArray[np.float64]
 
@@ -57,22 +57,18 @@ def simulate(recording: LampRecording, twins: Sequence[TwinModel]) -> Simulated:
     rows, dt = recording.rows, twin.timestep
     # Voltages are as recorded, sag and all.
     lamps = Lamps([replace(each, supply_resistance=0.0) for each in twins], gains=True)
-    drive, qpos, gainprm = lamps.motors, lamps.qpos, lamps.views.gains
+    drive, qpos = lamps.motors, lamps.qpos
+    drive.p_gain[:] = recording.p_gain
+    temperature = np.nan_to_num(run.temperature[rows], nan=REFERENCE_TEMPERATURE)
     voltage = _smooth(run.voltage[rows], twin.voltage)
     every = np.arange(lanes)
-
-    def motors(volts: Array, torque: bool) -> None:
-        for lane, each in enumerate(twins):
-            block = gainprm[lane, twin.actuator]
-            write_motors(block, each.servos, recording.p_gain, volts, np.full(len(volts), torque))
-            gainprm[lane, twin.actuator] = block
 
     hold = run.goal[max(recording.first - 1, 0)]
     lamps.batch.reset()
     qpos[:] = twin.model.key_qpos[0]
     drive.place(_first_known(run.angle[rows]))
     drive.forget(hold)
-    motors(voltage[0], True)
+    drive.full[:] = voltage[0]
     for _ in range(round(SETTLE / dt)):
         lamps.step(every)
     # Goals are under way and the foot is on the floor now; the joints fell a little until the goals came.
@@ -86,16 +82,12 @@ def simulate(recording: LampRecording, twins: Sequence[TwinModel]) -> Simulated:
     angles, forces = np.empty((count, lanes, len(twin.qpos))), np.empty((count, lanes))
     base = np.empty((count, lanes))
     lamps.forgive()
-    before = (-1, True)
     for step in range(count):
         angles[step], base[step] = drive.angle, qpos[:, 0]
         forces[step] = lamps.force
         torque = bool(time[step] + dt / 2 < recording.limp_from)
-        tick = int(at_tick[step])
-        if (tick, torque) != before:
-            if before[0] < 0 or torque != before[1] or (voltage[tick] != voltage[before[0]]).any():
-                motors(voltage[tick], torque)
-            before = (tick, torque)
+        drive.full[:], drive.temperature[:] = voltage[at_tick[step]], temperature[at_tick[step]]
+        drive.driven[:] = torque
         drive.goal[:] = goals[step]
         lamps.step(every)
     measured_at = run.sampled_at[rows]

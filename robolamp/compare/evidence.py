@@ -18,6 +18,7 @@ from robolamp.assets import Assets
 from robolamp.calibration import Calibration
 from robolamp.compare.knobs import Change
 from robolamp.compare.pauses import pauses, silent
+from robolamp.dynamixel.registers import RAD_PER_COUNT
 from robolamp.dynamixel.wire import wire_time
 from robolamp.lamp import Lamp
 from robolamp.log.reader import Run
@@ -26,8 +27,6 @@ from robolamp.twin.model import TwinModel, build
 
 Array = NDArray[np.float64]
 
-ENCODER_STEP = 2 * math.pi / 4096
-"""Of a servo's angle and goal [rad] (e-manual XL330-M288-T, "Present Position")."""
 NU = 3.0
 """Degrees of freedom: heavy tails, as `scipy.stats.t` has them."""
 SCALES = {"angle": 0.001, "current": 0.010, "force": 0.05, "voltage": 0.05, "answer": 0.001}
@@ -230,5 +229,5 @@ def _score(run: Run, rows: NDArray[np.int64], lamp: Lamp, timestep: float) -> Sc
         pose=np.where(np.isfinite(known), known, before),
         hold=before,
         sent=np.maximum.accumulate(run.write_done[rows]) + wire_time("goals", len(run.joints), lamp.bus_baud),
-        goal=np.round(run.goal[rows] / ENCODER_STEP) * ENCODER_STEP,  # registers hold whole counts
+        goal=np.round(run.goal[rows] / RAD_PER_COUNT) * RAD_PER_COUNT,  # registers hold whole counts
     )

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.compare.evidence import ENCODER_STEP, NU, SCALES, Evidence, disagreement
+from robolamp.compare.evidence import NU, SCALES, Evidence, disagreement
 from robolamp.compare.knobs import Change, Knob, knobs
+from robolamp.dynamixel.registers import RAD_PER_COUNT
 from robolamp.lamp import Lamp
 from robolamp.log.reader import Run
 
@@ -289,7 +290,7 @@ def noise(evidence: Evidence) -> list[Explanation]:
         what = "angle" if joint else "force"
         series = np.full(run.index.size, np.nan)  # from one rest to the next nothing follows
         series[still] = run.angle[still, index] if joint else run.foot_force[still]
-        known = ENCODER_STEP / np.sqrt(12) if joint else FORCE_NOISE
+        known = RAD_PER_COUNT / np.sqrt(12) if joint else FORCE_NOISE
         ratio = max(roughness(series) / known, 1.0)
         size = known * float(np.sqrt(ratio**2 - 1))
         gain = still.size * (0.5 * (ratio**2 - 1) - np.log(ratio))

@@ -18,14 +18,13 @@ from robolamp.emulator.pendulum import Pendulum, bent
 from robolamp.emulator.servo import WAKING, Servo
 from robolamp.emulator.servos_file import BareServo
 from robolamp.emulator.strike import strike
+from robolamp.twin.motors import LEAST_VOLTAGE
 
 TIMESTEP = 0.001
 """Physics step [s]."""
 
 ROOM = 25.0
 """Temperature around the servos [degC]."""
-
-_LEAST_VOLTAGE = 0.1  # a supply that sags keeps this much [V]
 
 
 class BareServos:
@@ -120,7 +119,7 @@ class BareServos:
             servo.poll(self.time)
             drive, volts = servo.drive(), self._volts(index)
             if isinstance(motor, Pendulum):
-                motor.step(drive, volts, (servo.written - self.time) / TIMESTEP)
+                motor.step(drive, volts, self._room + servo.heat, (servo.written - self.time) / TIMESTEP)
                 continue
             voltage = drive.duty * volts if drive.torque and drive.duty is not None else None
             motor.step(TIMESTEP, voltage)
@@ -144,7 +143,7 @@ class BareServos:
     def _volts(self, index: int) -> float:
         motor, supply = self.motors[index], self._supply[index] - self._reality.drain * self.time
         drop = self._reality.resistance * abs(motor.current) if isinstance(motor, Pendulum) else 0.0
-        return max(supply - self.injector.sag() - drop, _LEAST_VOLTAGE)
+        return max(supply - self.injector.sag() - drop, LEAST_VOLTAGE)
 
     def _senses(self, index: int) -> Callable[[float], Sensed]:
         motor = self.motors[index]

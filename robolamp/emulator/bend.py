@@ -53,12 +53,10 @@ class Bent:
     Attributes:
         twin: The compiled lamp.
         encoders: How the encoders are off; None: not at all.
-        own_delay: Whether the servos' delay was taken out of the model: their loops see other angles than it has.
     """
 
     twin: TwinModel
     encoders: Encoders | None = None
-    own_delay: bool = False
 
 
 class Bender:
@@ -106,8 +104,6 @@ class Bender:
             actuator = spec.actuator(name)
             actuator.armature *= armature
             actuator.damping[0] *= viscous
-            if self._encoders is not None:
-                actuator.delay, actuator.nsample = 0.0, 0
         if bent.floor_tilt:
             gravity = float(np.linalg.norm(spec.option.gravity))
             spec.option.gravity = [-gravity * math.sin(bent.floor_tilt), 0.0, -gravity * math.cos(bent.floor_tilt)]
@@ -133,8 +129,10 @@ class Bender:
             "armature": bent.armature,
         }
         servos = replace(twin.servos, **{key: getattr(twin.servos, key) * by for key, by in factors.items()})
-        own_delay = bool(twin.gears.parted.any()) or self._encoders is not None
-        return Bent(replace(twin, servos=servos), self._encoders, own_delay)
+        if bent.resistance_per_kelvin:  # in place of what the calibration says of it
+            growth = np.full(len(servos.resistance), bent.resistance_per_kelvin)
+            servos = replace(servos, resistance_temperature=growth)
+        return Bent(replace(twin, servos=servos), self._encoders)
 
     def _each(self, values: PerJoint) -> Array:
         return np.array(np.broadcast_to(values, len(self._lamp.joints)), float)

@@ -57,7 +57,8 @@ class Reality:
         encoder_phase: Of that sine [rad].
         delay: Added to the servos' delay [s].
         temperature: Of the air around the servos [degC].
-        resistance_per_kelvin: By which windings' resistance grows, of its value at 30 degC [1/K].
+        resistance_per_kelvin: By which windings' resistance grows, of its value at 30 degC, in place of what the
+            calibration says; 0: as that says [1/K].
         supply: Added to the supply voltage [V].
         foot_dead_time: Age of the force in each foot reading [s].
         floor_tilt: Slope of the floor, positive where it rises ahead [rad].

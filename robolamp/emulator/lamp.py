@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from robolamp.assets import Assets
 from robolamp.calibration import Calibration
 from robolamp.dynamixel.registers import BAUD_CODES, MODELS, Name
 from robolamp.emulator.bend import Bender
-from robolamp.emulator.difference import AIR, Reality
+from robolamp.emulator.difference import Reality
 from robolamp.emulator.faults import Faults
 from robolamp.emulator.foot import FootSensor
 from robolamp.emulator.injector import Injector
@@ -81,7 +82,7 @@ class EmulatedLamp:
             legal = ", ".join(map(str, BAUD_CODES))
             raise FileError(f"bus.baud: {lamp.bus_baud} is not one of {legal}", str(lamp.path))
         bender = Bender(lamp, reality)
-        twin = build(lamp, calibration, assets, bender.bend, torque=False, clamped=clamped, reshape=bender.reshape)
+        twin = build(lamp, calibration, assets, bender.bend, clamped=clamped, reshape=bender.reshape)
         self.lamp = lamp
         self.plant = Plant(bender.finish(twin))
         self._random = np.random.default_rng(reality.seed)
@@ -168,25 +169,18 @@ class EmulatedLamp:
         plant = self.plant
         self.injector.poll(plant.time)
         plant.sag(self.injector.sag() + self._sag())
-        if self._reality.resistance_per_kelvin and plant.time >= self._warmed:
+        if plant.time >= self._warmed:
             self._warmed = plant.time + WARMING
-            above = np.array([servo.heat for servo in self.servos]) + self._reality.temperature - AIR
-            plant.warm(1.0 + self._reality.resistance_per_kelvin * above)
+            plant.warm(self._reality.temperature + np.array([servo.heat for servo in self.servos]))
         for index, servo in enumerate(self.servos):
             servo.poll(plant.time)
             drive = servo.drive()
             if drive is not self._drives[index]:
                 self._drives[index] = drive
                 joint = self.lamp.joints[index]
-                plant.drive(
-                    index,
-                    torque=drive.torque,
-                    goal=joint.sign * (drive.goal - joint.zero),
-                    p_gain=drive.p_gain,
-                    duty_limit=drive.duty_limit,
-                    duty=None if drive.duty is None else joint.sign * drive.duty,
-                    late=(servo.written - plant.time) / plant.timestep,
-                )
+                goal, duty = joint.sign * (drive.goal - joint.zero), drive.duty
+                own = replace(drive, goal=goal, duty=None if duty is None else joint.sign * duty)
+                plant.drive(index, own, (servo.written - plant.time) / plant.timestep)
         plant.step()
         self._read_encoders()
         self._sample_foot()
@@ -197,7 +191,7 @@ class EmulatedLamp:
         """Return by how much the supply is lower than a good one [V]; capacitors smooth what the motors draw."""
         resistance, drain = self._supply
         if resistance:
-            drawn = float(np.abs(self.plant.duty * self.plant.phase_current).sum())
+            drawn = float(np.abs(self.plant.current).sum())
             self._drop += (resistance * drawn - self._drop) * min(self.plant.timestep / CAPACITOR_TIME, 1.0)
         return self._drop + drain * self.plant.time
 
@@ -227,13 +221,11 @@ class EmulatedLamp:
             newest, oldest = self._seen[-1][index], self._seen[0][index]
             window = max(len(self._seen) - 1, 1) * plant.timestep
             ahead = min(max(time - plant.time, 0.0), plant.timestep)
-            duty = float(plant.duty[index])
             return Sensed(
                 angle=joint.zero + joint.sign * float(newest + plant.velocity[index] * ahead),
                 velocity=joint.sign * float(newest - oldest) / window,
-                # The supply's current, not the winding's: the driver is a switching converter.
-                current=joint.sign * abs(duty) * float(plant.phase_current[index]),
-                duty=joint.sign * duty,
+                current=joint.sign * float(plant.current[index]),
+                duty=joint.sign * float(plant.duty[index]),
                 voltage=plant.voltage,
                 temperature=self._reality.temperature,
             )

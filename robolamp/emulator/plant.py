@@ -10,19 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.emulator.bend import Bent
-from robolamp.emulator.delay import DelayLine
+from robolamp.emulator.drive import Drive
+from robolamp.emulator.driver import Driver
 from robolamp.errors import RobolampError
 from robolamp.twin.judge import FALLEN_HEAD, FALLEN_TILT
-from robolamp.twin.servo import friction_loss, weaken, write_motors
+from robolamp.twin.motors import LEAST_VOLTAGE, Motors, Views
 
 Array = NDArray[np.float64]
 
-_HAND = 5.0  # friction by which a hand holds a joint [Nm]: ten times what a servo can push
 _SETTLE = 0.5  # time for the foot to come to rest on the floor before the clock starts [s]
-_LEAST_VOLTAGE = 0.1  # a supply that sags keeps this much: duties are shares of it [V]
-_GAIN, _LARGEST_VOLTAGE = 4, 7  # where a dcmotor's actuator_gainprm holds them
-_FAR = 1e6  # goal that stands for a duty of 1 [rad]
-_ONE = np.zeros(1, np.int64)  # the lanes: one
 
 
 @dataclass(frozen=True)
@@ -60,46 +56,23 @@ class Plant:
 
     def __init__(self, bent: Bent) -> None:
         twin = bent.twin
-        self._twin = twin
-        self._servos = twin.servos
-        self._weakens = twin.servos.weakens
+        self._twin, self._encoders = twin, bent.encoders
         self._model = twin.model
         mujoco.mj_setConst(self._model, mujoco.MjData(self._model))  # masses may have been changed
-        gears = twin.gears
-        self._motor_qpos, self._motor_dof = gears.qpos, gears.dof
-        self._slack, self._damping = gears.slack, gears.damping
-        self._springy, self._springs = gears.springy, gears.springs[gears.springy]
-        self._parted = gears.parted  # joints whose motors turn rotors of their own
-        self._encoders = bent.encoders
-        self._delays: list[DelayLine] | None = None
-        if bent.own_delay:
-            self._delays = [DelayLine(float(delay), twin.timestep) for delay in twin.servos.delay]
-        self._data = mujoco.MjData(twin.model)
+        self._data = data = mujoco.MjData(twin.model)
         self.timestep = twin.timestep
-        n = len(twin.qpos)
-        self._driven = np.zeros(n, bool)
-        self._hand = np.ones(n, bool)
-        self._p_gain = np.ones(n)
-        self._by_duty = np.zeros(n, bool)
-        self._duty_limit = np.ones(n)
-        self._speed = np.zeros(n)  # when the motors' torques were formed: before the last step
+        # The supply is not the motors': it has capacitors.
+        self._motors = Motors([replace(twin, supply_resistance=0.0)], Views.of_one(twin.model, data))
+        self._driver = Driver(self._motors)
+        self._held = self._motors.held[0]
+        self._held[:] = True
         self._steps = 0
-        self._sag = 0.0
-        self._goal = np.zeros(n)
-        self._arriving: dict[int, float] = {}  # goals that come within the next step, by joint
-        self._friction, self._weakness = twin.servos.friction()[None], twin.servos.weakness()[None]
-        self._gains = self._model.actuator_gainprm[None]
-        data = self._data
-        self._load = data.qfrc_bias.copy() if self._parted.any() else data.qfrc_bias
-        self._lanes = tuple(
-            array.reshape(1, -1) for array in (data.qfrc_actuator, self._load, data.qvel, self._model.dof_frictionloss)
-        )
+        self._known: tuple[Array, Array] | None = None  # duties and currents: servos ask often
         mujoco.mj_resetDataKeyframe(self._model, data, 0)
-        self._write_motors()
         for _ in range(round(_SETTLE / self.timestep)):
             self.step()
         data.qvel[:] = 0.0
-        self._steps = 0  # data.time runs on: the delay lines hold its stamps
+        self._steps = 0
 
     @property
     def time(self) -> float:
@@ -114,11 +87,7 @@ class Plant:
     @property
     def angle(self) -> Array:
         """Joint angles at the servos' horns, shape (n,) [rad]."""
-        angle = self._data.qpos[self._twin.qpos]
-        if not self._springy.any():
-            return angle
-        rotor = self._data.qpos[self._motor_qpos]
-        return np.clip(angle, rotor - self._slack, rotor + self._slack)
+        return self._motors.angle[0]
 
     @property
     def reading(self) -> Array:
@@ -133,25 +102,22 @@ class Plant:
     @property
     def torque(self) -> Array:
         """Motor torques before friction, shape (n,) [Nm]."""
-        return self._data.actuator_force[self._twin.actuator]
+        return self._motors.torque[0]
 
     @property
-    def phase_current(self) -> Array:
-        """Winding currents, shape (n,) [A]."""
-        return self.torque / self._servos.torque_constant
+    def current(self) -> Array:
+        """Currents drawn from the supply, shape (n,) [A]; see `Motors.current`."""
+        return self._drawn()[1]
 
     @property
     def duty(self) -> Array:
         """Motor voltages by supply voltage, shape (n,); 0 where the winding is open."""
-        servos = self._servos
-        resistance = self._weakness[0, :, 4] if self._weakens else servos.resistance
-        volts = self.phase_current * resistance + servos.torque_constant * self._speed
-        return np.where(self._driven, np.clip(volts / self.voltage, -1.0, 1.0), 0.0)
+        return self._drawn()[0]
 
     @property
     def voltage(self) -> float:
         """Supply voltage [V]."""
-        return self._twin.voltage - self._sag
+        return float(self._motors.voltage[0, 0])
 
     @property
     def force(self) -> float:
@@ -161,70 +127,29 @@ class Plant:
     @property
     def held(self) -> tuple[bool, ...]:
         """Whether each joint is still held by hand."""
-        return tuple(bool(held) for held in self._hand)
+        return tuple(bool(held) for held in self._held)
 
-    def drive(
-        self,
-        joint: int,
-        *,
-        torque: bool,
-        goal: float,
-        p_gain: int,
-        duty_limit: float,
-        duty: float | None = None,
-        late: float = 0.0,
-    ) -> None:
-        """Set what a servo does to its motor from the next step on.
-
-        Args:
-            joint: Which joint.
-            torque: Whether the motor is driven; else its winding is open.
-            goal: Joint angle to regulate to [rad].
-            p_gain: Position P Gain register.
-            duty_limit: Largest duty, 0 to 1.
-            duty: Motor voltage by supply voltage, instead of a goal; None: regulate to the goal.
-            late: How far into the next step the goal or duty comes, 0 to 1 of it: that step's is the mean of the one
-                before and this one, weighted by the time that each holds, or else every goal would come early.
-        """
-        actuator = int(self._twin.actuator[joint])
-        before = self._goal[joint]
-        by_duty = duty is not None
-        if duty is not None:
-            # So far away that the joint's own angle is nothing to it: gain times distance is the voltage.
-            goal, p_gain = duty * _FAR, 1
-        if torque and (not self._driven[joint] or by_duty != self._by_duty[joint]):
-            # The delay line still holds goals from before: a servo that is switched on has forgotten them.
-            if self._delays:
-                self._delays[joint].reset(goal)
-            else:
-                mujoco.mj_initCtrlHistory(self._model, self._data, actuator, None, np.full(self._samples(joint), goal))
-            self._hand[joint] = False
+    def drive(self, joint: int, drive: Drive, late: float = 0.0) -> None:
+        """Set what a servo does to its motor from the next step on, and take the hand off it; see `Driver.drive`."""
+        if drive.torque and self._held[joint]:
+            self._held[joint] = False
             self._data.qfrc_applied[self._twin.dof[joint]] = 0.0
-            before = goal
-        self._driven[joint], self._p_gain[joint], self._duty_limit[joint] = torque, p_gain, duty_limit
-        self._by_duty[joint] = by_duty
-        mixed = goal + min(max(late, 0.0), 1.0) * (before - goal)
-        self._goal[joint] = self._data.ctrl[actuator] = mixed
-        if mixed != goal:
-            self._arriving[joint] = goal
-        self._write_motors()
+        self._driver.drive(joint, drive, late)
 
-    def warm(self, factor: Array) -> None:
-        """Let the windings' resistance be their calibrated one times a factor, shape (n,), from the next step on."""
-        self._servos = replace(self._servos, resistance=self._twin.servos.resistance * factor)
-        self._weakness[0, :, 1] = self._servos.resistance
-        self._write_motors()
+    def warm(self, temperature: Array) -> None:
+        """Let the servos be at temperatures, shape (n,) [degC], from the next step on."""
+        self._motors.temperature[0] = temperature
 
     def sag(self, volts: float) -> None:
         """Let the supply sag from the next step on.
 
         Args:
-            volts: By how much [V]; it stays above 0.1 V.
+            volts: By how much [V]; it stays above `LEAST_VOLTAGE`.
         """
-        volts = min(volts, self._twin.voltage - _LEAST_VOLTAGE)
-        if volts != self._sag:
-            self._sag = volts
-            self._write_motors()
+        voltage = max(self._twin.voltage - volts, LEAST_VOLTAGE)
+        if voltage != self.voltage:
+            self._motors.charge(voltage)
+            self._known = None
 
     def step(self) -> None:
         """Advance by one physics step.
@@ -232,34 +157,26 @@ class Plant:
         Raises:
             RobolampError: The physics diverged.
         """
-        data, dofs = self._data, self._twin.dof
-        if self._parted.any():
-            self._load[self._motor_dof] = data.qfrc_bias[dofs]  # gears feel the output's load
-            self._model.dof_frictionloss[dofs] = 0.0
-        if self._springs.size:
-            gap = np.abs(data.qpos[self._motor_qpos] - data.qpos[self._twin.qpos])
-            self._model.tendon_damping[self._springs] = self._damping * (gap > self._slack)[self._springy]
-        if self._weakens:
-            motor, velocity = self._lanes[0], self._lanes[2]
-            weaken(self._weakness, self._motor_dof, self._twin.actuator, motor, velocity, self._gains)
-        friction_loss(_ONE, self._friction, self._motor_dof, *self._lanes)
-        if self._hand.any():
-            held = dofs[self._hand]
-            self._model.dof_frictionloss[held] = _HAND
-            data.qfrc_applied[held] = data.qfrc_bias[held]  # it carries the weight too: friction alone creeps
-        if self._delays:
-            self._regulate(self._delays)
-        self._speed = data.qvel[self._motor_dof]
+        data = self._data
+        if self._encoders:
+            self._motors.misreading[0] = self.reading - self.angle
+        self._motors.before_step()
+        if self._held.any():
+            held = self._twin.dof[self._held]
+            data.qfrc_applied[held] = data.qfrc_bias[held]  # a hand carries the weight too: friction alone creeps
         before = data.time
         mujoco.mj_step(self._model, data)
         if data.time <= before:  # MuJoCo resets what diverges, and only its clock tells
             raise RobolampError(
                 "the physics diverged; check masses, sizes and servo parameters", str(self._twin.lamp.path)
             )
-        self._steps += 1
-        for joint, goal in self._arriving.items():
-            self._goal[joint] = data.ctrl[self._twin.actuator[joint]] = goal
-        self._arriving.clear()
+        self._steps, self._known = self._steps + 1, None
+        self._driver.after_step()
+
+    def _drawn(self) -> tuple[Array, Array]:
+        if self._known is None:
+            self._known = self._motors.duty[0], self._motors.current[0]
+        return self._known
 
     def truth(self) -> Truth:
         """Return what really happens now."""
@@ -279,20 +196,3 @@ class Plant:
             force=self.force,
             fallen=abs(lean) > FALLEN_TILT or head < FALLEN_HEAD,
         )
-
-    def _regulate(self, delays: list[DelayLine]) -> None:
-        """Let the motors act on what the encoders read, though the model's actuators see the rotors."""
-        goal = np.array([delay.push(goal) for delay, goal in zip(delays, self._goal.tolist(), strict=True)])
-        self._data.ctrl[self._twin.actuator] = goal + self._data.qpos[self._motor_qpos] - self.reading
-
-    def _write_motors(self) -> None:
-        actuators, voltage = self._twin.actuator, self.voltage
-        rows = self._model.actuator_gainprm[actuators]
-        write_motors(rows, self._servos, self._p_gain, np.full(len(rows), voltage), self._driven)
-        k, r = self._servos.torque_constant, self._servos.resistance
-        rows[self._by_duty, _GAIN] = (k / r * voltage / _FAR)[self._by_duty]
-        rows[:, _LARGEST_VOLTAGE] = voltage * self._duty_limit
-        self._model.actuator_gainprm[actuators] = rows
-
-    def _samples(self, joint: int) -> int:
-        return int(self._model.actuator_history[self._twin.actuator[joint], 0])

@@ -13,14 +13,11 @@ from robolamp.twin.body import Body
 from robolamp.twin.lamps import Lamps
 from robolamp.twin.lanes import Variants, deal, state_of
 from robolamp.twin.model import TwinModel
-from robolamp.twin.motors import LEAST_VOLTAGE
-from robolamp.twin.servo import write_motors
 
 Array = NDArray[np.float64]
 
 SETTLE = 0.3
 """How long each twin stands with the first goals before the record begins [s]."""
-_HAND = 5.0  # friction by which a hand holds a joint [Nm]: ten times what a servo can push
 
 
 @dataclass(frozen=True)
@@ -92,12 +89,13 @@ def play_bank(members: Sequence[Member], score: Score, workers: int | None = Non
         score: What to play.
         workers: Threads; None: one for each core.
     """
-    twins = [replace(member.twin, supply_resistance=0.0) for member in members]  # this bank's own supplies sag
+    twins = [replace(each.twin, supply_resistance=each.twin.supply_resistance + each.resistance) for each in members]
     variants, every = Variants([twin.model for twin in twins]), np.arange(len(members))
     state = _start(twins[0], score)
 
     def work(share: slice) -> Record:
-        return _Share(members[share], Lamps(twins, every[share], variants, state), score).play()
+        drains = any(member.drain for member in members[share])
+        return _Share(members[share], Lamps(twins, every[share], variants, state, gains=drains), score).play()
 
     parts, order = deal(len(members), workers, work)
     joined = {
@@ -151,22 +149,13 @@ class _Share:
             self._batch.expand("opt.gravity")[:] = pull
         self._zero = np.array([member.zero if member.zero.size else np.zeros(n) for member in members])
         self._late = np.array([round(member.late / twin.timestep) for member in members])
-        self._k = np.stack([member.twin.servos.torque_constant for member in members])
-        self._r = np.stack([member.twin.servos.resistance for member in members])
-        self._full = np.array([member.twin.voltage for member in members])
+        self._drain = np.array([member.drain for member in members])
         self._gain = np.array([member.twin.foot_gain for member in members])
-        self._resistance = [member.resistance + member.twin.supply_resistance for member in members]
-        self._sagging = [
-            (lane, member) for lane, member in enumerate(members) if self._resistance[lane] or member.drain
-        ]
-        self._gainprm = self._batch.expand("actuator_gainprm") if self._sagging else np.empty(0)
-        self._p_gain = np.array([joint.position_p_gain for joint in twin.lamp.joints], float)
 
     def play(self) -> Record:
         """Return the record of this share."""
         batch, twin, score, lanes = self._batch, self._twin, self._score, self._lanes
-        views, motors, dofs = self._lamps.views, self._lamps.motors, twin.gears.dof
-        qpos, qvel, motor = views.qpos, views.qvel, views.motor
+        motors, qpos = self._lamps.motors, self._lamps.qpos
         motors.place(qpos[:, twin.qpos] + self._zero)
         motors.forget(score.hold + self._zero)
         dt = twin.timestep
@@ -174,32 +163,21 @@ class _Share:
         goals = goals_by_step(
             score.hold, score.goal, score.sent - score.begin, dt, steps + max(int(-self._late.min()), 0)
         )
-        voltage, drawn = self._full.copy(), np.zeros(len(lanes))
-        n = len(twin.qpos)
+        full, n = motors.full.copy(), len(twin.qpos)
         angle, current = np.empty((steps, len(lanes), n)), np.empty((steps, len(lanes), n))
         force = np.empty((steps, len(lanes)))
         batch.forward()
+        motors.held[:] = True  # while the foot comes to rest on the floor
         for step in range(-settle, steps):
+            if step == -settle // 2:
+                motors.held[:] = False
             if step >= 0:
-                speed = qvel[:, dofs]
-                winding = motor[:, dofs] / self._k
-                duty = np.clip(np.abs(self._r * winding + self._k * speed) / voltage[:, None], 0.0, 1.0)
                 angle[step] = motors.angle - self._zero
-                current[step] = duty * winding
+                current[step] = motors.current
                 force[step] = self._lamps.force
-                drawn = np.abs(current[step]).sum(axis=1)
-            for lane, member in self._sagging:
-                since = score.begin + step * dt - score.powered
-                fallen = self._full[lane] - self._resistance[lane] * drawn[lane] - member.drain * since
-                voltage[lane] = max(fallen, LEAST_VOLTAGE)
-                rows = self._gainprm[lane][twin.actuator]
-                write_motors(rows, member.twin.servos, self._p_gain, np.full(n, voltage[lane]), np.ones(n, bool))
-                self._gainprm[lane][twin.actuator] = rows
+            motors.full[:] = full - (self._drain * (score.begin + step * dt - score.powered))[:, None]
             motors.goal[:] = goals[np.maximum(step - self._late, 0)] + self._zero
-            motors.before_step()
-            if step < -settle // 2:
-                views.loss[:, twin.dof] = _HAND  # the foot comes to rest on the floor, the joints held as by hand
-            batch.step(lanes, 1)
+            self._lamps.step(lanes)
         return Record(
             time=score.begin + np.arange(steps, dtype=np.float64) * dt,
             angle=angle,

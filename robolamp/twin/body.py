@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from robolamp.twin.model import TwinModel
 from robolamp.twin.motors import Motors, Views
-from robolamp.twin.servo import write_motors
 
 
 class Body:
@@ -47,7 +46,11 @@ class Body:
     def set_goal(self, goal: NDArray[np.float64]) -> None:
         """Give the servos their goals, shape (n,) [rad]."""
         self._motors.goal[0] = goal
-        self.data.ctrl[self._twin.actuator] = goal
+
+    @property
+    def goal(self) -> NDArray[np.float64]:
+        """What the servos were told last, shape (n,) [rad]."""
+        return self._motors.goal[0]
 
     def place(self, angle: NDArray[np.float64]) -> None:
         """Put the joints to angles, shape (n,) [rad]."""
@@ -60,11 +63,17 @@ class Body:
         torque: NDArray[np.bool_],
         duty: float = 1.0,
     ) -> None:
-        """Change gains, supply and torque enable, all of shape (n,), and the duty limit; see `servo.write_motors`."""
-        rows = self.model.actuator_gainprm[self._twin.actuator]
-        write_motors(rows, self._twin.servos, p_gain, voltage, torque, duty)
-        self.model.actuator_gainprm[self._twin.actuator] = rows
-        self._motors.charge(voltage[:1])
+        """Change registers and supply from the next step on.
+
+        Args:
+            p_gain: Position P Gain registers (84), shape (n,).
+            voltage: Supply voltage of each servo, shape (n,) [V].
+            torque: Torque Enable, shape (n,).
+            duty: Goal PWM(100), 0 to 1: the most of the supply that a motor gets.
+        """
+        motors = self._motors
+        motors.p_gain[0], motors.driven[0], motors.limit[0] = p_gain, torque, duty
+        motors.charge(voltage)
 
     @property
     def angle(self) -> NDArray[np.float64]:
@@ -79,21 +88,17 @@ class Body:
     @property
     def torque(self) -> NDArray[np.float64]:
         """Torques of the motors, shape (n,) [Nm]."""
-        return self.data.qfrc_actuator[self._twin.gears.dof]
+        return self._motors.torque[0]
 
     @property
     def current(self) -> NDArray[np.float64]:
-        """Currents drawn from the supply, shape (n,) [A]: duty times the winding's, as an XL330 reports them."""
-        servos = self._twin.servos
-        winding = self.torque / servos.torque_constant
-        speed = self.data.qvel[self._twin.gears.dof]
-        volts = servos.resistance * winding + servos.torque_constant * speed
-        return np.clip(np.abs(volts) / self.voltage, 0.0, 1.0) * winding
+        """Currents drawn from the supply, shape (n,) [A]; see `Motors.current`."""
+        return self._motors.current[0]
 
     @property
     def voltage(self) -> float:
         """Supply voltage [V]."""
-        return float(self._motors.voltage[0])
+        return float(self._motors.voltage[0, 0])
 
     @property
     def force(self) -> float:

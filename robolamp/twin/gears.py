@@ -25,8 +25,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.jit import njit
-
 Array = NDArray[np.float64]
 
 RETARDATION = 0.0005
@@ -60,6 +58,12 @@ class Gears:
     slack: Array
     springs: NDArray[np.int64]
     damping: float
+
+    @classmethod
+    def rigid(cls, qpos: NDArray[np.int64], dof: NDArray[np.int64]) -> Gears:
+        """Return those of motors that turn their joints themselves."""
+        n = len(dof)
+        return cls(qpos, dof, np.zeros(n, bool), np.full(n, np.inf), np.full(n, -1), 0.0)
 
     @property
     def springy(self) -> NDArray[np.bool_]:
@@ -101,9 +105,6 @@ class GearBuilder:
         for joint, play, slack, parted in zip(joints, self._play, self._slack, self._parted, strict=True):
             if parted:
                 _add_rotor(spec, joint, float(play), self._stiffness if np.isfinite(slack) else None)
-        for name in self._joints:  # a servo's loop sees another angle than its actuator does: the delay is before both
-            actuator = spec.actuator(name)
-            actuator.delay, actuator.nsample = 0.0, 0
 
     def finish(self, model: mujoco.MjModel) -> Gears:
         """Put the key poses back into the compiled model, and return where its motors are."""
@@ -176,46 +177,3 @@ def _add_rotor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, play: float, stiffne
     else:
         tendon.springlength = ends
         tendon.stiffness[0] = stiffness
-
-
-@njit(nogil=True, error_model="numpy")
-def regulate(
-    goal: NDArray[np.float64],
-    sent: NDArray[np.float64],
-    head: int,
-    steps: NDArray[np.int64],
-    part: NDArray[np.float64],
-    slack: NDArray[np.float64],
-    joints: NDArray[np.int64],
-    rotors: NDArray[np.int64],
-    actuators: NDArray[np.int64],
-    qpos: NDArray[np.float64],
-    ctrl: NDArray[np.float64],
-) -> None:
-    """Let motors that turn rotors regulate the angles at their horns, after the servos' delay, for many lanes.
-
-    An actuator regulates its rotor, so its control is the delayed goal plus what the rotor is ahead of the horn.
-
-    Args:
-        goal: Shape (lanes, n) [rad].
-        sent: Goals of the last steps, a ring, shape (lanes, n, longest delay in steps + 2); written to.
-        head: Where in it this step's goal belongs.
-        steps: Whole physics steps of each servo's delay, shape (lanes, n).
-        part: The rest of it, in steps, shape (lanes, n): the goals before and after are mixed, as MuJoCo's `delay` does
-            with linear interpolation.
-        slack: Half the play of joints whose link bends behind it, else infinite, shape (lanes, n) [rad].
-        joints: Position address of each joint, shape (n,).
-        rotors: Of what its motor turns, shape (n,).
-        actuators: Actuator of each joint, shape (n,).
-        qpos: Shape (lanes, nq).
-        ctrl: Written to, shape (lanes, nu).
-    """
-    for lane in range(goal.shape[0]):
-        for joint in range(joints.shape[0]):
-            ring, back = sent[lane, joint], steps[lane, joint]
-            ring[head] = goal[lane, joint]
-            newer, older = ring[head - back], ring[head - back - 1]  # below 0: from the ring's end on
-            rotor, horn = qpos[lane, rotors[joint]], qpos[lane, joints[joint]]
-            horn = min(max(horn, rotor - slack[lane, joint]), rotor + slack[lane, joint])
-            late = newer + part[lane, joint] * (older - newer)
-            ctrl[lane, actuators[joint]] = late + rotor - horn

@@ -120,6 +120,11 @@ class TwinModel:
         return float(self.model.opt.timestep)
 
     @property
+    def p_gain(self) -> NDArray[np.float64]:
+        """Position P Gain registers (84) of the servos, shape (n,)."""
+        return np.array([joint.position_p_gain for joint in self.lamp.joints], float)
+
+    @property
     def source(self) -> str:
         """The text of the lamp's description, and what a file without it stands for."""
         return f"{self.lamp.source}flight_time = {self.lamp.flight_time:g}\n"
@@ -180,7 +185,6 @@ def build(
     assets: Assets,
     bend: Bend | None = None,
     *,
-    torque: bool = True,
     timestep: float | None = None,
     pole: Pole | None = None,
     clamped: bool = False,
@@ -193,7 +197,6 @@ def build(
         calibration: The numbers.
         assets: Where the model file is.
         bend: How this lamp differs from the calibrated one.
-        torque: False: as with the servos' torque off.
         timestep: Physics step [s]; None: the model's own. Where arm links bend it is at most `BENDING_STEP`.
         pole: A pole across its way; None: a free desk.
         clamped: Whether the base is clamped to the desk.
@@ -217,13 +220,12 @@ def build(
         spec.option.timestep = min(spec.option.timestep, BENDING_STEP)
     servos = _bent(ServoParameters.of(lamp, calibration), bend)
     voltage = calibration.lamp("supply_voltage") + bend.supply
-    # A delay longer than its history would be cut short; lamps of one fleet need histories of one length.
-    samples = math.ceil(SERVO["delay"].high / spec.option.timestep)
+    table = servos.table
     for index, joint in enumerate(lamp.joints):
         actuator = spec.actuator(joint.name)
         if actuator is None or spec.joint(joint.name) is None:
             raise FileError(f"no joint and actuator named {joint.name!r}, which {lamp.path} has", str(path))
-        set_motor(actuator, servos, index, joint.position_p_gain, voltage, samples, torque=torque)
+        set_motor(actuator, table[index], joint.position_p_gain, voltage)
         hinge, offset = spec.joint(joint.name), calibration.joint(joint.name, "encoder_offset")
         if offset:  # the model's angles are what the encoders read
             hinge.ref, hinge.range = offset, [bound + offset for bound in hinge.range]

@@ -1,32 +1,94 @@
-"""The servos of many lanes: what MuJoCo's step does not do of them, before each step.
+"""The servos of many lanes: THE motor step, what MuJoCo's own step does not do of them, before each of it.
 
-Load-dependent friction and weakness (`robolamp.twin.servo`), a supply that all servos of a lamp share, and gears with
-play (`robolamp.twin.gears`), where a motor turns its rotor but regulates what the encoder reads of the output.
+The laws of one servo are `robolamp.twin.servo`'s. Here they meet a physics: the motors' gains under heat, saturation
+and a supply that all servos of a lamp share, friction under load, the goals' delay, and gears with play
+(`robolamp.twin.gears`), where a motor turns its rotor but regulates what the encoder reads of the output. Twin, fleet,
+bank, bench and the emulated lamp and pendulum all step through it; one lane is the same code as many.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from robolamp.calibration import SERVO
 from robolamp.jit import njit
-from robolamp.twin.gears import regulate
-from robolamp.twin.model import TwinModel
-from robolamp.twin.servo import friction_loss, weaken
+from robolamp.twin.gears import Gears
+from robolamp.twin.servo import (
+    OPEN,
+    REFERENCE_TEMPERATURE,
+    TORQUE_CONSTANT,
+    ServoParameters,
+    effective_resistance,
+    friction_loss,
+    motor_duty,
+    viscous_friction,
+    voltage_gain,
+    write_motor,
+)
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 LEAST_VOLTAGE = 0.5
 """A supply that sags keeps this much: a servo switches off long before [V]."""
-_R, _KP, _VMAX = 0, 4, 7  # columns of a dcmotor's actuator_gainprm
-_OPEN = 1e8  # no winding has as much [Ohm]
+
+HAND = 5.0
+"""Friction by which a hand holds a joint [Nm]: ten times what a servo can push."""
+
+
+class Driven(Protocol):
+    """A compiled model whose n joints are driven by servos."""
+
+    @property
+    def servos(self) -> ServoParameters:
+        """Their parameters."""
+        ...
+
+    @property
+    def p_gain(self) -> Array:
+        """Their Position P Gain registers (84), shape (n,)."""
+        ...
+
+    @property
+    def voltage(self) -> float:
+        """Supply voltage [V]."""
+        ...
+
+    @property
+    def supply_resistance(self) -> float:
+        """Of the supply that all servos share [Ohm]."""
+        ...
+
+    @property
+    def qpos(self) -> Indices:
+        """Position address of each joint, shape (n,)."""
+        ...
+
+    @property
+    def dof(self) -> Indices:
+        """Degree of freedom of each joint, shape (n,)."""
+        ...
+
+    @property
+    def actuator(self) -> Indices:
+        """Actuator of each joint, shape (n,)."""
+        ...
+
+    @property
+    def gears(self) -> Gears:
+        """What the motors turn."""
+        ...
+
+    @property
+    def timestep(self) -> float:
+        """Physics step [s]."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -40,7 +102,8 @@ class Views:
         motor: `qfrc_actuator`, shape (k, nv) [Nm].
         bias: `qfrc_bias`, shape (k, nv) [Nm].
         loss: `dof_frictionloss`, shape (k, nv) [Nm]; written to.
-        gains: `actuator_gainprm`, shape (k, nu, 10); written to where a lamp's motors weaken or its supply sags.
+        gains: `actuator_gainprm`, shape (k, nu, 10 or more); written to. Of no lanes where all motors stay as compiled.
+        viscous: `actuator_damping`, shape (k, nu, ...); written to. Of no lanes where it depends on no temperature.
         damping: `tendon_damping`, shape (k, tendons, ...); written to where springs have play.
     """
 
@@ -51,24 +114,27 @@ class Views:
     bias: Array
     loss: Array
     gains: Array
+    viscous: Array
     damping: Array
 
     @classmethod
-    def of_batch(cls, batch: Batch, twins: Sequence[TwinModel], *, gains: bool = False) -> Views:
+    def of_batch(cls, batch: Batch, twins: Sequence[Driven], *, gains: bool = False) -> Views:
         """Return the views of a batch.
 
         Args:
             batch: Its lanes; gets own model values in each lane where servos need them.
             twins: The lamp of each lane, or some of which each lane has one.
-            gains: Whether the caller writes gains.
+            gains: Whether the caller changes what drives the motors: registers, torque or the supply.
         """
         bind = batch.bind
         gains = gains or any(twin.servos.weakens or twin.supply_resistance > 0.0 for twin in twins)
+        thickens = any(twin.servos.viscous_temperature.any() for twin in twins)
         springy = twins[0].gears.springy.any()
         return cls(
             bind("qpos"), bind("qvel"), bind("ctrl"), bind("qfrc_actuator"), bind("qfrc_bias"),
             loss=batch.expand("dof_frictionloss"),
             gains=batch.expand("actuator_gainprm") if gains else np.empty((0, 0, 0)),
+            viscous=batch.expand("actuator_damping") if thickens else np.empty((0, 0)),
             damping=batch.expand("tendon_damping") if springy else np.empty((0, 0)),
         )  # fmt: skip
 
@@ -77,12 +143,16 @@ class Views:
         """Return the views of one lane, in the form that many lanes have."""
         return cls(
             data.qpos[None], data.qvel[None], data.ctrl[None], data.qfrc_actuator[None], data.qfrc_bias[None],
-            loss=model.dof_frictionloss[None], gains=model.actuator_gainprm[None], damping=model.tendon_damping[None],
+            loss=model.dof_frictionloss[None], gains=model.actuator_gainprm[None],
+            viscous=model.actuator_damping[None], damping=model.tendon_damping[None],
         )  # fmt: skip
 
 
 class Motors:
-    """The servos of k lanes, of lamps that differ in numbers only.
+    """The servos of k lanes, of lamps that differ in numbers only; each has n.
+
+    What the caller may change acts from the next step on; registers, torque, temperature and supply do only where
+    `Views` has gains (and viscous friction) of the lanes.
 
     Args:
         twins: The lamps.
@@ -90,186 +160,289 @@ class Motors:
         variant: Which of the lamps each lane has, shape (k,); None: a lane a lamp.
 
     Attributes:
-        goal: What each servo was told last, shape (k, n) [rad]; written by the caller.
-        full: Supply voltage of each lane when no current is drawn, shape (k,) [V]. Whoever writes other gains into the
-            motors calls `charge` for them.
-        voltage: Supply voltage of each lane now, shape (k,) [V].
+        goal: What each servo was told last, shape (k, n) [rad]; a duty, -1 to 1, where `by_duty`. Written by the
+            caller; acts after the servo's delay.
+        by_duty: Whether a motor gets a duty instead of regulating to a goal, shape (k, n); written by the caller.
+        p_gain: Position P Gain registers (84), shape (k, n); written by the caller.
+        limit: Goal PWM(100), 0 to 1: the most of the supply that a motor gets, shape (k, n); written by the caller.
+        driven: Share of the next step in which a winding is driven, else open, shape (k, n); written by the caller.
+        temperature: Of the servos, shape (k, n) [degC]; written by the caller.
+        full: Supply voltages when no current is drawn, shape (k, n) [V]; written by the caller.
+        held: Joints that a hand holds, shape (k, n); written by the caller.
+        misreading: What each encoder reads beyond the angle at its horn, shape (k, n) [rad]; written by the caller.
+        voltage: Supply voltages now, shape (k, n) [V].
     """
 
-    def __init__(self, twins: Sequence[TwinModel], views: Views, variant: NDArray[np.int64] | None = None) -> None:
+    def __init__(self, twins: Sequence[Driven], views: Views, variant: Indices | None = None) -> None:
         twin = twins[0]
         variant = np.arange(len(twins)) if variant is None else variant
-        lanes, n = len(variant), len(twin.dof)
-        self._twin, self._views, self._gears = twin, views, twin.gears
-        servos = [each.servos for each in twins]
-        self._friction = np.stack([each.friction() for each in servos])[variant]
-        self._weakens = any(each.weakens for each in servos)
-        weakness = [each.weakness() for each in servos] if self._weakens else []
-        self._weakness = np.stack(weakness)[variant] if weakness else np.empty((0, n, 5))
+        shape = lanes, n = len(variant), len(twin.dof)
+        self._views, self._gears, self._qpos = views, twin.gears, twin.qpos
+        self._where = np.stack([twin.qpos, twin.gears.qpos, twin.dof, twin.gears.dof, twin.actuator])
+        self._table = np.stack([each.servos.table for each in twins])[variant]
         self._supply = np.array([each.supply_resistance for each in twins])[variant]
+        self._thickens = any(each.servos.viscous_temperature.any() for each in twins)
+        self._slack = np.stack([each.gears.slack for each in twins])[variant]
         self._every = np.arange(lanes)
-        self._k = np.stack([each.torque_constant for each in servos])[variant]
-        self.full = np.array([each.voltage for each in twins])[variant]
+        self.p_gain = np.stack([each.p_gain for each in twins])[variant]
+        self.full = np.repeat(np.array([[each.voltage] for each in twins])[variant], n, axis=1)
         self.voltage = self.full.copy()
-        self.goal = np.zeros((lanes, n))
-        self._parted = bool(twin.gears.parted.any())
-        self._load = views.bias
-        if self._parted:
-            self._load = views.bias.copy()
-            self._slack = np.stack([each.gears.slack for each in twins])[variant]
-            steps = np.stack([each.delay for each in servos])[variant] / twin.timestep
-            self._steps = np.floor(steps).astype(np.int64)
-            self._part = steps - self._steps
-            self._sent = np.zeros((lanes, n, math.ceil(SERVO["delay"].high / twin.timestep) + 2))
-            self._head = 0
-            springs = twin.gears.springs
-            self._springs, self._springy = springs[twin.gears.springy], twin.gears.springy
-            self._damping = np.array([each.gears.damping for each in twins])[variant]
+        self.by_duty, self.held = np.zeros(shape, bool), np.zeros(shape, bool)
+        self.limit, self.driven = np.ones(shape), np.ones(shape)
+        self.temperature = np.full(shape, REFERENCE_TEMPERATURE)
+        self.misreading = np.zeros(shape)
+        self._resistance = np.stack([each.servos.resistance for each in twins])[variant]
+        self._speed = np.zeros(shape)  # when the motors' torques were formed: before the last step
+        steps = np.stack([each.servos.delay for each in twins])[variant] / twin.timestep
+        self._steps = np.floor(steps).astype(np.int64)
+        self._part = steps - self._steps
+        self.goal = np.zeros(shape)
+        self._sent = np.zeros((lanes, n, int(self._steps.max()) + 2))
+        self._head = 0
+        self._springs = twin.gears.springs[twin.gears.springy]
+        self._damping = np.array([each.gears.damping for each in twins])[variant]
 
     @property
     def angle(self) -> Array:
         """Angles at the servos' horns, where the encoders are, shape (k, n) [rad]."""
-        angle = self._views.qpos[:, self._twin.qpos]
+        angle = self._views.qpos[:, self._qpos]
         if not self._gears.springy.any():
             return angle
         rotor = self._views.qpos[:, self._gears.qpos]
         return np.clip(angle, rotor - self._slack, rotor + self._slack)
 
+    @property
+    def torque(self) -> Array:
+        """Motor torques before friction, shape (k, n) [Nm]."""
+        return self._views.motor[:, self._gears.dof]
+
+    @property
+    def winding_current(self) -> Array:
+        """Currents of the windings, shape (k, n) [A]."""
+        return self.torque / self._table[:, :, TORQUE_CONSTANT]
+
+    @property
+    def duty(self) -> Array:
+        """Motor voltages by supply voltage in the last step, -1 to 1, shape (k, n); 0 where the winding is open."""
+        duty = np.empty_like(self.goal)
+        _duties(self._table, self._resistance, self.torque, self._speed, self.voltage, duty)
+        return duty
+
+    @property
+    def current(self) -> Array:
+        """Currents drawn from the supply, shape (k, n) [A]: duty times the winding's, as an XL330 reports them.
+
+        Positive where the motor pushes towards larger angles.
+        """
+        return np.abs(self.duty) * self.winding_current
+
     def place(self, angle: Array) -> None:
         """Put joints and what turns them to angles, shape (n,) or (k, n) [rad], at rest."""
-        for address in (self._twin.qpos, self._gears.qpos):
+        for address in (self._qpos, self._gears.qpos):
             self._views.qpos[:, address] = angle
 
     def turn(self, angle: Array) -> None:
         """Turn joints until their horns are at angles, shape (n,) [rad]; gears stay pushed, links bent."""
         by = angle - self.angle
-        self._views.qpos[:, self._twin.qpos] += by
+        self._views.qpos[:, self._qpos] += by
         parted = self._gears.parted
         self._views.qpos[:, self._gears.qpos[parted]] += by[:, parted]
 
-    def forget(self, goal: Array | float) -> None:
-        """Let goals, shape (k, n) [rad] or one for all, have been told all along."""
-        self.goal[:] = goal
-        if self._parted:
-            self._sent[:] = self.goal[:, :, None]
+    def forget(self, goal: Array | float, joints: int | slice = slice(None)) -> None:
+        """Let goals, shape (k, n) [rad] or one for all, have been told to joints all along."""
+        self.goal[:, joints] = goal
+        self._sent[:, joints] = self.goal[:, joints, None]
 
-    def charge(self, voltage: Array) -> None:
-        """Say that the motors' gains were just written for a supply of this voltage, shape (k,) [V]."""
-        self.full[:] = self.voltage[:] = voltage
+    def charge(self, voltage: Array | float) -> None:
+        """Let the supplies be at these voltages now, and when no current is drawn, shape (k, n) or one for all [V]."""
+        self.full[:] = voltage
+        self.voltage[:] = self.full
 
-    def before_step(self, lanes: NDArray[np.int64] | None = None) -> None:
-        """Write what the next physics step needs: voltages, resistances, friction, controls.
+    def before_step(self, lanes: Indices | None = None) -> None:
+        """Write what the next physics step needs: motors, friction, controls.
 
         Args:
             lanes: Which lanes will be stepped; None: all. What has fallen in a fleet costs nothing from then on.
         """
-        views, twin, gears = self._views, self._twin, self._gears
+        views, gears = self._views, self._gears
         lanes = self._every if lanes is None else lanes
-        if self._weakens:
-            weaken(self._weakness, gears.dof, twin.actuator, views.motor, views.qvel, views.gains)
-        if self._supply.any():
-            sag(
-                self._supply, self.full, LEAST_VOLTAGE, self._k, gears.dof, twin.actuator, views.motor, views.qvel,
-                views.gains, self.voltage,
+        if len(views.gains):
+            _feed(
+                lanes, self._where, self._table, views.motor, views.qvel, self.temperature, self.p_gain, self.by_duty,
+                self.limit, self.driven, self._supply, self.full, self.voltage, self._resistance, views.gains,
             )  # fmt: skip
-        if not self._parted:
-            drive(
-                lanes, self._friction, gears.dof, views.motor, views.bias, views.qvel, views.loss, self.goal,
-                twin.actuator, views.ctrl,
-            )  # fmt: skip
-            return
-        self._load[:, gears.dof] = views.bias[:, twin.dof]  # gears feel the output's load
-        views.loss[:, twin.dof] = 0.0
-        friction_loss(lanes, self._friction, gears.dof, views.motor, self._load, views.qvel, views.loss)
+        if self._thickens:
+            _thicken(lanes, self._where, self._table, self.temperature, views.viscous)
         if self._springs.size:
-            gap = np.abs(views.qpos[:, gears.qpos] - views.qpos[:, twin.qpos])
-            beyond = (gap > self._slack)[:, self._springy]
+            gap = np.abs(views.qpos[:, gears.qpos] - views.qpos[:, self._qpos])
+            beyond = (gap > self._slack)[:, gears.springy]
             views.damping[:, self._springs] = self._damping[:, None] * beyond
         self._head = (self._head + 1) % self._sent.shape[2]
-        regulate(
-            self.goal, self._sent, self._head, self._steps, self._part, self._slack, twin.qpos, gears.qpos,
-            twin.actuator, views.qpos, views.ctrl,
+        _regulate(
+            lanes, self._where, self._table, views.motor, views.bias, views.qpos, views.qvel, self.held, self.goal,
+            self._sent, self._head, self._steps, self._part, self._slack, self.misreading, self.by_duty, self.voltage,
+            self._speed, views.loss, views.ctrl,
         )  # fmt: skip
 
 
 @njit(nogil=True, error_model="numpy")
-def drive(
-    lanes: NDArray[np.int64],
-    coefficients: NDArray[np.float64],
-    dofs: NDArray[np.int64],
-    motor: NDArray[np.float64],
-    bias: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    loss: NDArray[np.float64],
-    goal: NDArray[np.float64],
-    actuators: NDArray[np.int64],
-    ctrl: NDArray[np.float64],
+def _feed(
+    lanes: Indices,
+    where: Indices,
+    table: Array,
+    motor: Array,
+    velocity: Array,
+    temperature: Array,
+    p_gain: Array,
+    by_duty: NDArray[np.bool_],
+    limit: Array,
+    driven: Array,
+    supply: Array,
+    full: Array,
+    voltage: Array,
+    resistance: Array,
+    gainprm: Array,
 ) -> None:
-    """Write friction and controls of some lanes whose gears have neither play nor springs.
-
-    Args:
-        lanes: Which, of k.
-        coefficients: This, and what follows up to `loss`, as `servo.friction_loss` takes it.
-        dofs: See there.
-        motor: See there.
-        bias: See there.
-        velocity: See there.
-        loss: See there.
-        goal: What each servo was told last, shape (k, n) [rad].
-        actuators: Actuator of each joint, shape (n,).
-        ctrl: Written to, shape (k, nu).
-    """
-    friction_loss(lanes, coefficients, dofs, motor, bias, velocity, loss)
-    for index in range(lanes.shape[0]):
-        for joint in range(actuators.shape[0]):
-            ctrl[lanes[index], actuators[joint]] = goal[lanes[index], joint]
-
-
-@njit(nogil=True, error_model="numpy")
-def sag(
-    resistance: NDArray[np.float64],
-    full: NDArray[np.float64],
-    least: float,
-    torque_constant: NDArray[np.float64],
-    dofs: NDArray[np.int64],
-    actuators: NDArray[np.int64],
-    motor: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    gainprm: NDArray[np.float64],
-    voltage: NDArray[np.float64],
-) -> None:
-    """Let the supplies of many lamps sag under the currents that their servos draw, all of one lamp from one supply.
+    """Write the motors of some lanes as their registers, heat, saturation and supplies let them be.
 
     A servo's driver is a switching converter: it draws duty times the winding's current, duty being the motor's voltage
     over the supply's. The supply gives V = V_full - R sum(duty |i|), from the currents of the last step.
 
     Args:
-        resistance: R of each lamp's supply, shape (lanes,) [Ohm].
-        full: V_full, shape (lanes,) [V].
-        least: What a supply keeps [V].
-        torque_constant: K, shape (lanes, n) [Nm/A].
-        dofs: Degree of freedom that each motor turns, shape (n,).
-        actuators: Actuator of each joint, shape (n,).
-        motor: `qfrc_actuator`, shape (lanes, nv) [Nm].
-        velocity: `qvel`, shape (lanes, nv) [rad/s].
-        gainprm: `actuator_gainprm`, for `voltage`; written to, shape (lanes, nu, 10 or more).
-        voltage: V, written to, shape (lanes,) [V].
+        lanes: Which, of k.
+        where: Position address of each joint and of what its motor turns, the degrees of freedom of both, and the
+            actuator, shape (5, n).
+        table: `ServoParameters.table` of each lane, shape (k, n, parameters).
+        motor: See `Views`.
+        velocity: `Views.qvel`.
+        temperature: See `Motors`, as for those that follow up to `driven`.
+        p_gain: See there.
+        by_duty: See there.
+        limit: See there.
+        driven: See there.
+        supply: R of each lane's supply, shape (k,) [Ohm].
+        full: See `Motors`.
+        voltage: See `Motors`; written to.
+        resistance: Effective resistances of the last step, shape (k, n) [Ohm]; written to.
+        gainprm: `Views.gains`; written to.
     """
-    for lane in range(resistance.shape[0]):
-        if resistance[lane] == 0.0:
-            continue
+    for index in range(lanes.shape[0]):
+        lane = lanes[index]
         drawn = 0.0
-        for joint in range(dofs.shape[0]):
-            gain = gainprm[lane, actuators[joint]]
-            if gain[_R] > _OPEN:
+        for joint in range(where.shape[1]):
+            servo, dof = table[lane, joint], where[3, joint]
+            torque, speed, share = motor[lane, dof], velocity[lane, dof], driven[lane, joint]
+            if supply[lane] == 0.0:
+                voltage[lane, joint] = max(full[lane, joint], LEAST_VOLTAGE)
+            if share == 0.0:
+                resistance[lane, joint] = OPEN
                 continue
-            k, dof = torque_constant[lane, joint], dofs[joint]
-            winding = motor[lane, dof] / k
-            duty = abs(winding * gain[_R] + k * velocity[lane, dof]) / voltage[lane]
-            drawn += min(duty, 1.0) * abs(winding)
-        now = max(full[lane] - resistance[lane] * drawn, least)
-        for joint in range(dofs.shape[0]):
-            gain = gainprm[lane, actuators[joint]]
-            gain[_KP] *= now / voltage[lane]
-            gain[_VMAX] *= now / voltage[lane]
-        voltage[lane] = now
+            before = resistance[lane, joint]
+            drop = 0.0 if before == OPEN else torque / servo[TORQUE_CONSTANT] * before
+            now = effective_resistance(servo, temperature[lane, joint], drop, speed, voltage[lane, joint]) / share
+            duty = motor_duty(servo, now, torque, speed, voltage[lane, joint])
+            drawn += abs(duty * torque / servo[TORQUE_CONSTANT])
+            resistance[lane, joint] = now
+        for joint in range(where.shape[1]):
+            servo = table[lane, joint]
+            if supply[lane] != 0.0:
+                voltage[lane, joint] = max(full[lane, joint] - supply[lane] * drawn, LEAST_VOLTAGE)
+            volts = voltage[lane, joint]
+            gain = 1.0 if by_duty[lane, joint] else voltage_gain(servo, p_gain[lane, joint], volts)
+            row = gainprm[lane, where[4, joint]]
+            write_motor(row, servo, resistance[lane, joint], gain, volts * limit[lane, joint])
+
+
+@njit(nogil=True, error_model="numpy")
+def _thicken(lanes: Indices, where: Indices, table: Array, temperature: Array, damping: Array) -> None:
+    """Write viscous friction at the servos' temperatures into `actuator_damping` of some lanes; see `_feed`."""
+    for index in range(lanes.shape[0]):
+        lane = lanes[index]
+        for joint in range(where.shape[1]):
+            damping[lane, where[4, joint]] = viscous_friction(table[lane, joint], temperature[lane, joint])
+
+
+@njit(nogil=True, error_model="numpy")
+def _regulate(
+    lanes: Indices,
+    where: Indices,
+    table: Array,
+    motor: Array,
+    bias: Array,
+    qpos: Array,
+    velocity: Array,
+    held: NDArray[np.bool_],
+    goal: Array,
+    sent: Array,
+    head: int,
+    steps: Indices,
+    part: Array,
+    slack: Array,
+    misreading: Array,
+    by_duty: NDArray[np.bool_],
+    voltage: Array,
+    formed: Array,
+    loss: Array,
+    ctrl: Array,
+) -> None:
+    """Write friction and controls of some lanes: let motors regulate what encoders read, after the servos' delay.
+
+    An actuator regulates what its motor turns, so its control is the delayed goal plus what that is ahead of what the
+    encoder reads.
+
+    Args:
+        lanes: Which, of k.
+        where: See `_feed`.
+        table: See `_feed`.
+        motor: See `Views`.
+        bias: See `Views`.
+        qpos: See `Views`.
+        velocity: `Views.qvel`.
+        held: See `Motors`.
+        goal: See `Motors`.
+        sent: Goals of the last steps, a ring, shape (k, n, longest delay in steps + 2); written to.
+        head: Where in it this step's goal belongs.
+        steps: Whole physics steps of each servo's delay, shape (k, n).
+        part: The rest of it, in steps, shape (k, n): the goals before and after are mixed.
+        slack: Half the play of joints whose link bends behind it, else infinite, shape (k, n) [rad].
+        misreading: See `Motors`.
+        by_duty: See `Motors`.
+        voltage: See `Motors`.
+        formed: Speeds that this step's torques are formed with, shape (k, n) [rad/s]; written to.
+        loss: See `Views`; written to.
+        ctrl: See `Views`; written to.
+    """
+    for index in range(lanes.shape[0]):
+        lane = lanes[index]
+        for joint in range(where.shape[1]):
+            output, dof = where[2, joint], where[3, joint]
+            speed = velocity[lane, dof]
+            formed[lane, joint] = speed
+            friction = friction_loss(table[lane, joint], motor[lane, dof], -bias[lane, output], speed)
+            loss[lane, output] = HAND if held[lane, joint] else 0.0
+            if dof != output or not held[lane, joint]:
+                loss[lane, dof] = friction
+            ring, back = sent[lane, joint], steps[lane, joint]
+            ring[head] = goal[lane, joint]
+            newer, older = ring[head - back], ring[head - back - 1]  # below 0: from the ring's end on
+            late = newer + part[lane, joint] * (older - newer)
+            rotor = qpos[lane, where[1, joint]]
+            if by_duty[lane, joint]:
+                ctrl[lane, where[4, joint]] = rotor + late * voltage[lane, joint]
+                continue
+            output_angle = qpos[lane, where[0, joint]]
+            horn = min(max(output_angle, rotor - slack[lane, joint]), rotor + slack[lane, joint])
+            ctrl[lane, where[4, joint]] = late + rotor - horn - misreading[lane, joint]
+
+
+@njit(nogil=True, error_model="numpy")
+def _duties(table: Array, resistance: Array, torque: Array, speed: Array, voltage: Array, duty: Array) -> None:
+    """Write the duty of each motor, shape (k, n), into `duty`; see `Motors.duty`."""
+    for lane in range(duty.shape[0]):
+        for joint in range(duty.shape[1]):
+            duty[lane, joint] = 0.0
+            if resistance[lane, joint] != OPEN:
+                duty[lane, joint] = motor_duty(
+                    table[lane, joint], resistance[lane, joint], torque[lane, joint], speed[lane, joint],
+                    voltage[lane, joint],
+                )  # fmt: skip

@@ -5,6 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import mujoco
+import numpy as np
+
+from robolamp.twin.gears import Gears
+from robolamp.twin.servo import ServoParameters, set_motor
 
 POINT = 1e-9
 """Moment of inertia of the weight itself [kg m^2]: its mass counts as a point."""
@@ -48,12 +52,35 @@ class Load:
         return whole, centre, max(self.inertia - whole * centre**2, 0.0) + POINT
 
 
-def pendulum_model(timestep: float) -> mujoco.MjModel:
-    """Compile a pendulum of 1 kg at 0.1 m on a servo of made-up constants: whoever steps it writes its own into it.
+@dataclass(frozen=True)
+class PendulumTwin:
+    """A compiled pendulum, of one joint that is at 0 where it hangs straight down; a `robolamp.twin.motors.Driven`.
 
-    The one joint is at 0 where the pendulum hangs straight down; the one actuator is a dcmotor that goes by position.
+    Attributes:
+        model: The MuJoCo model.
+        servos: The one servo.
+    """
+
+    model: mujoco.MjModel
+    servos: ServoParameters
+
+    # Whoever steps it says what supply and register it has.
+    voltage, supply_resistance, p_gain = 1.0, 0.0, np.ones(1)
+    qpos = dof = actuator = np.zeros(1, np.int64)
+    gears = Gears.rigid(qpos, dof)
+
+    @property
+    def timestep(self) -> float:
+        """Physics step [s]."""
+        return float(self.model.opt.timestep)
+
+
+def build_pendulum(servos: ServoParameters, load: Load, timestep: float) -> PendulumTwin:
+    """Compile a pendulum on a servo, its winding open.
 
     Args:
+        servos: The one servo.
+        load: The pendulum.
         timestep: Physics step [s].
     """
     spec = mujoco.MjSpec()
@@ -64,12 +91,8 @@ def pendulum_model(timestep: float) -> mujoco.MjModel:
         name="shaft", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, -1, 0],
         frictionloss=1e-6, solref_friction=[QUICK, 1.0], solimp_friction=[FIRM, FIRM, 0.001, 0.5, 2.0],
     )  # fmt: skip
-    body.explicitinertial, body.mass, body.ipos, body.inertia = True, 1.0, [0.0, 0.0, -0.1], [POINT] * 3
+    mass, centre, inertia = load.body
+    body.explicitinertial, body.mass, body.ipos, body.inertia = True, mass, [0.0, 0.0, -centre], [inertia] * 3
     actuator = spec.add_actuator(name="servo", target="shaft", trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    actuator.set_to_dcmotor(
-        motorconst=[1.0, 1.0],
-        resistance=1.0,
-        controller=[1.0, 0.0, 1.0, 0.0, 0.0, 1.0],
-        ctrlspec=int(mujoco.mjtCtrlInput.mjINPUT_POS),
-    )
-    return spec.compile()
+    set_motor(actuator, servos.table[0], PendulumTwin.p_gain[0], PendulumTwin.voltage, torque=False)
+    return PendulumTwin(spec.compile(), servos)

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-_ENCODER_STEP = 2 * math.pi / 4096  # e-manual XL330-M288-T, "Present Position": 0.088 degrees
+from robolamp.dynamixel.registers import RAD_PER_COUNT
+
 _FORCE_STEP = 0.001  # hardware/firmware/README.md: the frame carries millinewtons
 
 
 def measure_angle(angle: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return angles as the encoders read them [rad], same shape."""
-    return np.round(angle / _ENCODER_STEP) * _ENCODER_STEP
+    return np.round(angle / RAD_PER_COUNT) * RAD_PER_COUNT
 
 
 def measure_force(force: NDArray[np.float64], gain: NDArray[np.float64] | float = 1.0) -> NDArray[np.float64]:

@@ -1,16 +1,19 @@
-"""A Dynamixel in position mode, as MuJoCo's dcmotor plus friction that MuJoCo does not have.
+"""A Dynamixel in position mode, as MuJoCo's dcmotor plus what MuJoCo does not have: each law of the servo, once.
 
 The firmware works in voltage: V = clip(kv (goal - angle), -Vin, Vin) with kv = Kp 4096 / (2 pi) / (divisor 885) Vin,
 and the motor gives tau = K (V - K w) / R. MuJoCo's dcmotor commands torque and compensates back-EMF, so K^2/R goes
 back in as its damping gain (MuJoCo 4 documentation, XMLreference "dcmotor/controller"). Friction in the gear train
 grows with the load it carries (Duclusaud et al. 2024, "Extended friction models for the physics simulation of servo
-actuators", models M4 and M5): it is rewritten into `dof_frictionloss` before every step. What weakens the motor
-(magnetic saturation, a supply that sags) is rewritten as an effective resistance, where a calibration has it.
+actuators", models M4 and M5). What weakens the motor (heat, magnetic saturation, a supply that sags) is an effective
+resistance. `robolamp.twin.motors` writes these laws into MuJoCo before every step.
+
+The functions take one servo's row of `ServoParameters.table`, or any longer row that begins so.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import mujoco
@@ -18,16 +21,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.calibration import SERVO, Calibration
+from robolamp.dynamixel.registers import COUNTS_PER_TURN, FULL_PWM
 from robolamp.jit import njit
 from robolamp.lamp import Lamp
 
-_COUNTS_PER_RADIAN = 4096 / (2 * math.pi)  # e-manual XL330-M288-T, "Present Position": 4096 a turn
-_PWM_COUNTS = 885  # e-manual, "PWM Limit": 885 counts are 100 %
-_OPEN = 1e8  # no winding has as much [Ohm]
-_OFF_RESISTANCE = 1e9  # an open circuit: no torque and, unlike 0 V, no braking [Ohm]
+OPEN = 1e9
+"""Resistance of a winding without torque: no torque and, unlike 0 V, no braking [Ohm]."""
+
 REFERENCE_TEMPERATURE = 30.0
 """At which resistance and viscous friction are as calibrated [degC]."""
+
+_COUNTS_PER_RADIAN = COUNTS_PER_TURN / (2 * math.pi)
+_LEAST_GROWTH = 0.1  # of the resistance: a law that is linear in the temperature holds only so far
 _POSITION_INPUT = int(mujoco.mjtCtrlInput.mjINPUT_POS)  # the control is a goal position
+
+# Columns of `ServoParameters.table`, as `SERVO` has them.
+(
+    TORQUE_CONSTANT, _RESISTANCE, _ARMATURE, _VISCOUS, _COULOMB, _STRIBECK, _STRIBECK_VELOCITY, _LOAD_MOTOR,
+    _LOAD_EXTERNAL, _LOAD_EXTERNAL_STRIBECK, _GAIN_DIVISOR, _, _STRIBECK_EXPONENT, _LOAD_MOTOR_STRIBECK, _ASYMMETRY,
+    _SATURATION, _SUPPLY_RESISTANCE, _RESISTANCE_TEMPERATURE, _VISCOUS_TEMPERATURE,
+) = range(len(SERVO))  # fmt: skip
+
+_R, _K, _KP, _KD, _VMAX = 0, 1, 4, 6, 7  # columns of `actuator_gainprm` that set_to_dcmotor compiles to
 
 
 @dataclass(frozen=True)
@@ -86,120 +101,109 @@ class ServoParameters:
         joints = [calibration.servo(joint.servo, joint.name) for joint in lamp.joints]
         return cls(**{name: np.array([values[name] for values in joints]) for name in SERVO})
 
-    def friction(self) -> NDArray[np.float64]:
-        """Return the coefficients that `friction_loss` takes, shape (n, 9)."""
-        return np.stack(
-            [
-                self.coulomb,
-                self.stribeck,
-                1.0 / self.stribeck_velocity,
-                self.load_motor,
-                self.load_external,
-                self.load_external_stribeck,
-                self.load_motor_stribeck,
-                self.stribeck_exponent,
-                self.asymmetry,
-            ],
-            axis=1,
-        )
+    @classmethod
+    def single(cls, values: Mapping[str, float]) -> ServoParameters:
+        """Return the parameters of one servo alone.
+
+        Args:
+            values: Parameters by name; others than a servo's are left out.
+        """
+        return cls(**{name: np.array([values[name]]) for name in SERVO})
+
+    @property
+    def table(self) -> NDArray[np.float64]:
+        """The same as rows for the functions below: a servo each, a parameter a column, shape (n, len(SERVO))."""
+        return np.stack([getattr(self, name) for name in SERVO], axis=1)
 
     @property
     def weakens(self) -> bool:
-        """Whether `weaken` has anything to do."""
-        return bool((self.saturation > 0).any() or (self.supply_resistance > 0).any())
-
-    def weakness(self) -> NDArray[np.float64]:
-        """Return the coefficients that `weaken` takes, shape (n, 5)."""
-        r = self.resistance
-        return np.stack([self.torque_constant, r, self.saturation, self.supply_resistance, r], axis=1)
-
-    def voltage_gain(self, p_gain: NDArray[np.float64], voltage: NDArray[np.float64] | float) -> NDArray[np.float64]:
-        """Return kv, the voltage per error, shape (n,) [V/rad].
-
-        Args:
-            p_gain: Position P Gain registers (84), shape (n,).
-            voltage: Supply voltage, shape (n,) or a scalar [V].
-        """
-        return p_gain * _COUNTS_PER_RADIAN / (self.gain_divisor * _PWM_COUNTS) * voltage
-
-
-def set_motor(
-    actuator: mujoco.MjsActuator,
-    parameters: ServoParameters,
-    joint: int,
-    p_gain: float,
-    voltage: float,
-    samples: int,
-    *,
-    torque: bool = True,
-) -> None:
-    """Write one servo's motor, controller and delay into a model specification.
-
-    Args:
-        actuator: The joint's actuator.
-        parameters: The servos.
-        joint: Which of them.
-        p_gain: Position P Gain register (84).
-        voltage: Supply voltage [V].
-        samples: Length of the goal's history in physics steps; must hold the longest delay.
-        torque: False: Torque Enable is 0, the winding is open.
-    """
-    k = parameters.torque_constant[joint]
-    r = parameters.resistance[joint] if torque else _OFF_RESISTANCE
-    kv = parameters.voltage_gain(np.full(len(parameters.resistance), p_gain), voltage)[joint]
-    actuator.set_to_dcmotor(
-        motorconst=[k, k],
-        resistance=r,
-        controller=[kv * k / r, 0.0, k * k / r, 0.0, 0.0, voltage],
-        ctrlspec=_POSITION_INPUT,
-    )
-    actuator.damping[0] = parameters.viscous[joint]
-    actuator.armature = parameters.armature[joint]
-    actuator.delay = parameters.delay[joint]
-    actuator.nsample = samples
-
-
-# Columns of `actuator_gainprm` that set_to_dcmotor compiles to.
-_R, _KP, _KD, _VMAX = 0, 4, 6, 7
-
-
-def write_motors(
-    gainprm: NDArray[np.float64],
-    parameters: ServoParameters,
-    p_gain: NDArray[np.float64],
-    voltage: NDArray[np.float64],
-    torque: NDArray[np.bool_],
-    duty: float = 1.0,
-) -> None:
-    """Change compiled motors while a simulation runs: registers that were written, a supply that sags.
-
-    Args:
-        gainprm: The joints' rows of `actuator_gainprm`, shape (n, 10); written to.
-        parameters: The servos.
-        p_gain: Position P Gain registers (84), shape (n,).
-        voltage: Voltage that full duty gives, shape (n,) [V].
-        torque: Torque Enable, shape (n,).
-        duty: Goal PWM(100), 0 to 1: the most of the supply that a motor gets.
-    """
-    k = parameters.torque_constant
-    r = np.where(torque, parameters.resistance, _OFF_RESISTANCE)
-    gainprm[:, _R] = r
-    gainprm[:, _KP] = parameters.voltage_gain(p_gain, voltage) * k / r
-    gainprm[:, _KD] = k * k / r
-    gainprm[:, _VMAX] = voltage * duty
+        """Whether the effective resistance ever is another than `resistance`."""
+        return any(values.any() for values in (self.saturation, self.supply_resistance, self.resistance_temperature))
 
 
 @njit(nogil=True, error_model="numpy")
-def friction_loss(
-    lanes: NDArray[np.int64],
-    coefficients: NDArray[np.float64],
-    dofs: NDArray[np.int64],
-    motor: NDArray[np.float64],
-    bias: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    loss: NDArray[np.float64],
-) -> None:
-    """Write each joint's friction under its present load, for some of k lanes.
+def voltage_gain(servo: NDArray[np.float64], p_gain: float, voltage: float) -> float:
+    """Return kv, the motor's voltage per error [V/rad].
+
+    Args:
+        servo: Its parameters.
+        p_gain: Position P Gain register (84).
+        voltage: Supply voltage [V].
+    """
+    return p_gain * _COUNTS_PER_RADIAN / (servo[_GAIN_DIVISOR] * FULL_PWM) * voltage
+
+
+@njit(nogil=True, error_model="numpy")
+def effective_resistance(
+    servo: NDArray[np.float64], temperature: float, drop: float, speed: float, voltage: float
+) -> float:
+    """Return the winding's resistance by which a motor is as weak as heat, saturation and its supply make it [Ohm].
+
+    A winding current u = (V - K w) / R that saturates the iron gives the torque K u / (1 + s |u|), and a supply of
+    resistance R_s that carries duty times the winding's current gives the motor duty (V_in - R_s duty i). Both are what
+    a resistance R (1 + s |u|) + R_s duty^2 gives.
+
+    Args:
+        servo: Its parameters.
+        temperature: Of the servo [degC].
+        drop: Voltage over the winding's resistance in the last step [V].
+        speed: Of the joint [rad/s].
+        voltage: Supply voltage [V].
+    """
+    growth = 1.0 + servo[_RESISTANCE_TEMPERATURE] * (temperature - REFERENCE_TEMPERATURE)
+    resistance = servo[_RESISTANCE] * max(growth, _LEAST_GROWTH)
+    if servo[_SATURATION] == 0.0 and servo[_SUPPLY_RESISTANCE] == 0.0:
+        return resistance
+    duty = (drop + servo[TORQUE_CONSTANT] * speed) / voltage
+    saturated = resistance * (1.0 + servo[_SATURATION] * abs(drop / resistance))
+    return saturated + servo[_SUPPLY_RESISTANCE] * min(duty * duty, 1.0)
+
+
+@njit(nogil=True, error_model="numpy")
+def motor_torque(
+    servo: NDArray[np.float64], resistance: float, gain: float, error: float, speed: float, voltage: float
+) -> float:
+    """Return what a motor gives, as MuJoCo's dcmotor does [Nm].
+
+    Args:
+        servo: Its parameters.
+        resistance: `effective_resistance` [Ohm].
+        gain: `voltage_gain` [V/rad].
+        error: Goal minus angle [rad].
+        speed: Of the joint [rad/s].
+        voltage: Supply voltage [V].
+    """
+    k = servo[TORQUE_CONSTANT]
+    return k * (min(max(gain * error, -voltage), voltage) - k * speed) / resistance
+
+
+@njit(nogil=True, error_model="numpy")
+def motor_duty(servo: NDArray[np.float64], resistance: float, torque: float, speed: float, voltage: float) -> float:
+    """Return a motor's voltage by its supply's, -1 to 1.
+
+    Args:
+        servo: Its parameters.
+        resistance: `effective_resistance` [Ohm].
+        torque: Of the motor [Nm].
+        speed: Of the joint [rad/s].
+        voltage: Supply voltage [V].
+    """
+    k = servo[TORQUE_CONSTANT]
+    return min(max((torque / k * resistance + k * speed) / voltage, -1.0), 1.0)
+
+
+@njit(nogil=True, error_model="numpy")
+def viscous_friction(servo: NDArray[np.float64], temperature: float) -> float:
+    """Return a servo's viscous friction at a temperature [degC], in Nm s/rad."""
+    growth = servo[_VISCOUS_TEMPERATURE]
+    if growth == 0.0:
+        return servo[_VISCOUS]
+    return servo[_VISCOUS] * math.exp(growth * (temperature - REFERENCE_TEMPERATURE))
+
+
+@njit(nogil=True, error_model="numpy")
+def friction_loss(servo: NDArray[np.float64], motor: float, external: float, speed: float) -> float:
+    """Return the most friction that a joint meets under its load, viscous friction aside [Nm].
 
     loss = coulomb + |load_external tau_e - load_motor tau_m|
            + exp(-(|w| / w_s)^n) (stribeck + load_external_stribeck |tau_e| + load_motor_stribeck |tau_m|)
@@ -207,63 +211,66 @@ def friction_loss(
     larger angles, 1 - asymmetry towards smaller ones.
 
     Args:
-        lanes: Which.
-        coefficients: `ServoParameters.friction` of each lane, shape (k, n, 9).
-        dofs: Degree of freedom of each joint, shape (n,).
-        motor: `qfrc_actuator`, shape (k, nv) [Nm].
-        bias: `qfrc_bias`, shape (k, nv) [Nm].
-        velocity: `qvel`, shape (k, nv) [rad/s].
-        loss: `dof_frictionloss`, written to, shape (k, nv) [Nm].
+        servo: Its parameters.
+        motor: tau_m [Nm].
+        external: tau_e [Nm].
+        speed: w [rad/s].
     """
-    for index in range(lanes.shape[0]):
-        lane = lanes[index]
-        for joint in range(dofs.shape[0]):
-            c = coefficients[lane, joint]
-            dof = dofs[joint]
-            external, driving = -bias[lane, dof], motor[lane, dof]
-            speed = abs(velocity[lane, dof]) * c[2]
-            still = np.exp(-speed if c[7] == 1.0 else -(speed ** c[7]))
-            load = abs(c[4] * external - c[3] * driving)
-            friction = c[0] + load + still * (c[1] + c[5] * abs(external) + c[6] * abs(driving))
-            if c[8] != 0.0:
-                heading = velocity[lane, dof] if velocity[lane, dof] != 0.0 else external + driving
-                friction *= 1.0 + c[8] * np.sign(heading)
-            loss[lane, dof] = friction
+    relative, exponent = abs(speed) * (1.0 / servo[_STRIBECK_VELOCITY]), servo[_STRIBECK_EXPONENT]
+    still = math.exp(-relative if exponent == 1.0 else -(relative**exponent))
+    load = abs(servo[_LOAD_EXTERNAL] * external - servo[_LOAD_MOTOR] * motor)
+    sticking = servo[_STRIBECK] + servo[_LOAD_EXTERNAL_STRIBECK] * abs(external)
+    loss = servo[_COULOMB] + load + still * (sticking + servo[_LOAD_MOTOR_STRIBECK] * abs(motor))
+    if servo[_ASYMMETRY] != 0.0:
+        heading = speed if speed != 0.0 else external + motor
+        loss *= 1.0 + servo[_ASYMMETRY] * np.sign(heading)
+    return loss
 
 
 @njit(nogil=True, error_model="numpy")
-def weaken(
-    coefficients: NDArray[np.float64],
-    dofs: NDArray[np.int64],
-    actuators: NDArray[np.int64],
-    motor: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    gainprm: NDArray[np.float64],
+def write_motor(
+    row: NDArray[np.float64],
+    servo: NDArray[np.float64],
+    resistance: float,
+    gain: float,
+    limit: float,
 ) -> None:
-    """Write each motor's effective resistance under its present current, for many lanes.
-
-    A winding current u = (V - K w) / R that saturates the iron gives the torque K u / (1 + s |u|), and a supply of
-    resistance R_s that carries duty times the winding's current gives the motor duty (V_in - R_s duty i). Both are what
-    a resistance R (1 + s |u|) + R_s duty^2 gives.
+    """Write a motor into MuJoCo's dcmotor.
 
     Args:
-        coefficients: `ServoParameters.weakness` of each lane, shape (lanes, n, 5); the last is the effective resistance
-            of the last step, written to.
-        dofs: Degree of freedom of each joint, shape (n,).
-        actuators: Actuator of each joint, shape (n,).
-        motor: `qfrc_actuator`, shape (lanes, nv) [Nm].
-        velocity: `qvel`, shape (lanes, nv) [rad/s].
-        gainprm: `actuator_gainprm`, written to, shape (lanes, nu, 10 or more).
+        row: The actuator's `actuator_gainprm`, shape (10,) or longer; written to.
+        servo: The servo's parameters.
+        resistance: `effective_resistance`, or `OPEN` [Ohm].
+        gain: `voltage_gain` [V/rad].
+        limit: Most voltage that the motor gets [V].
     """
-    for lane in range(coefficients.shape[0]):
-        for joint in range(dofs.shape[0]):
-            k, r, saturation, supply, before = coefficients[lane, joint]
-            gain, dof = gainprm[lane, actuators[joint]], dofs[joint]
-            if gain[_R] > _OPEN or (saturation == 0.0 and supply == 0.0):
-                continue
-            drop = motor[lane, dof] / k * before
-            duty = (drop + k * velocity[lane, dof]) / gain[_VMAX]
-            effective = r * (1.0 + saturation * abs(drop / r)) + supply * min(duty * duty, 1.0)
-            gain[_KP] *= gain[_R] / effective
-            gain[_KD] *= gain[_R] / effective
-            gain[_R] = coefficients[lane, joint, 4] = effective
+    k = servo[TORQUE_CONSTANT]
+    row[_R], row[_K], row[_VMAX] = resistance, k, limit
+    row[_KP] = row[_KD] = 0.0
+    if resistance != OPEN:
+        row[_KP], row[_KD] = gain * k / resistance, k * k / resistance
+
+
+def set_motor(
+    actuator: mujoco.MjsActuator, servo: NDArray[np.float64], p_gain: float, voltage: float, *, torque: bool = True
+) -> None:
+    """Write one servo's motor and controller into a model specification; its delay is `robolamp.twin.motors`' to keep.
+
+    Args:
+        actuator: The joint's actuator.
+        servo: The servo's parameters.
+        p_gain: Position P Gain register (84).
+        voltage: Supply voltage [V].
+        torque: Whether Torque Enable is 1; else the winding is open.
+    """
+    row, resistance = np.zeros(_VMAX + 1), servo[_RESISTANCE] if torque else OPEN
+    write_motor(row, servo, resistance, voltage_gain(servo, p_gain, voltage), voltage)
+    actuator.set_to_dcmotor(
+        motorconst=[row[_K], row[_K]],
+        resistance=row[_R],
+        controller=[row[_KP], 0.0, row[_KD], 0.0, 0.0, row[_VMAX]],
+        ctrlspec=_POSITION_INPUT,
+    )
+    actuator.damping[0] = servo[_VISCOUS]
+    actuator.armature = servo[_ARMATURE]
+    actuator.delay, actuator.nsample = 0.0, 0

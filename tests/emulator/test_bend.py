@@ -42,7 +42,7 @@ def link(client: Client, joint: int) -> float:
 
 def rotor(client: Client, joint: int) -> float:
     plant = client.lamp.plant
-    return float(plant._data.qpos[plant._motor_qpos[joint]])
+    return float(plant._data.qpos[plant._twin.gears.qpos[joint]])
 
 
 def push(client: Client, joint: int, torque: float) -> float:
@@ -158,7 +158,7 @@ def test_a_bending_link_sinks_under_its_load_and_no_encoder_tells() -> None:
 def test_play_and_bending_at_one_joint() -> None:
     client = standing(Client(replace(NONE, stiffness=20.0, backlash=0.02)))
     plant = client.lamp.plant
-    links, rotors = plant._data.qpos[plant._twin.qpos], plant._data.qpos[plant._motor_qpos]
+    links, rotors = plant._data.qpos[plant._twin.qpos], plant._data.qpos[plant._twin.gears.qpos]
     away = np.abs(links - rotors)
     assert away[1] > 0.01 + 1e-3  # the knee's link bends beyond the play under its load
     np.testing.assert_allclose(np.abs(plant.angle - rotors)[:2], np.minimum(0.01, away)[:2], atol=1e-9)

@@ -10,6 +10,7 @@ import pytest
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.dynamixel.registers import Name
+from robolamp.emulator.drive import Drive
 from robolamp.emulator.lamp import EmulatedLamp
 from robolamp.emulator.reality import Reality, load_reality
 from robolamp.errors import FileError, RobolampError
@@ -243,6 +244,6 @@ def test_a_lamp_that_flies_apart_is_an_error(tmp_path: Path, monkeypatch: pytest
     monkeypatch.chdir(tmp_path)  # MuJoCo writes MUJOCO_LOG.TXT
     lamp = Client().lamp
     lamp.advance_to(0.1)
-    lamp.plant.drive(1, torque=True, goal=1e9, p_gain=16383, duty_limit=1e12)
+    lamp.plant.drive(1, Drive(torque=True, goal=1e9, p_gain=16383, duty_limit=1e12))
     with pytest.raises(RobolampError, match="the physics diverged"):
         lamp.advance_to(1.0)

@@ -14,6 +14,7 @@ from robolamp.calibration import JOINT, LAMP, SERVO, Calibration, Parameter, loa
 from robolamp.controller.file import load_controller
 from robolamp.controller.terminals import on_board_terminals
 from robolamp.emulator.difference import Reality
+from robolamp.emulator.drive import Drive
 from robolamp.emulator.lamp import EmulatedLamp
 from robolamp.lamp import load_lamp
 from robolamp.twin.body import Body
@@ -134,7 +135,7 @@ def test_the_emulated_lamp_of_a_calibration_with_play_is_that_twin() -> None:
     body = Body(twin(calibration, clamped=True))
     for world in (lamp, bent):
         for joint in range(3):
-            world.plant.drive(joint, torque=True, goal=0.2, p_gain=800, duty_limit=1.0)
+            world.plant.drive(joint, Drive(torque=True, goal=0.2, p_gain=800, duty_limit=1.0))
         for _ in range(250):
             world.plant.step()
     np.testing.assert_array_equal(lamp.plant.angle, bent.plant.angle)

@@ -37,9 +37,9 @@ def test_a_goal_arrives_after_the_lines_delay() -> None:
     lamp.command(Command(np.full(N, 0.2)))
     steps = round(TWIN.line_delay / TWIN.timestep)
     lamp.clock.sleep_until(0.5 + TWIN.line_delay)
-    assert lamp.body.data.ctrl.tolist() == [0.0] * N
+    assert lamp.body.goal.tolist() == [0.0] * N
     lamp.clock.sleep_until(0.5 + (steps + 1) * TWIN.timestep)
-    assert lamp.body.data.ctrl.tolist() == [0.2] * N
+    assert lamp.body.goal.tolist() == [0.2] * N
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300, LAMP.upper[1] + 1e-6, LAMP.lower[1] - 1e-6])
@@ -48,7 +48,7 @@ def test_a_goal_outside_the_limits_is_refused_and_nothing_is_sent(bad: float) ->
     with pytest.raises(SafetyError, match=r"^knee: goal .* rad is outside .* to .* rad$"):
         lamp.command(Command(np.array([0.3, bad, 0.3])))
     lamp.clock.sleep_until(0.6)
-    assert lamp.body.data.ctrl.tolist() == [0.0] * N
+    assert lamp.body.goal.tolist() == [0.0] * N
     lamp.command(Command(np.array([LAMP.lower[0], LAMP.upper[1], LAMP.upper[2]])))
 
 
@@ -60,7 +60,7 @@ def test_without_torque_it_slumps_and_with_torque_again_it_holds_what_it_has() -
     slumped = lamp.observe().angle
     assert np.abs(slumped).max() > 0.02
     lamp.torque(True)
-    assert lamp.body.data.ctrl == pytest.approx(lamp.body.angle)
+    assert lamp.body.goal == pytest.approx(lamp.body.angle)
     lamp.clock.sleep_until(0.66)
     lamp.close()
     lamp.close()

@@ -8,24 +8,27 @@ import mujoco
 import numpy as np
 import pytest
 
+from robolamp.calibration import SERVO
 from robolamp.errors import FileError
 from robolamp.twin.body import Body
 from robolamp.twin.model import Bend, build
-from robolamp.twin.servo import friction_loss, write_motors
+from robolamp.twin.motors import Motors, Views
+from robolamp.twin.servo import friction_loss
 
 from .parts import ASSETS, CALIBRATION, LAMP, TWIN, N, bent
 
 
-def torques(model: mujoco.MjModel, angle: np.ndarray, velocity: np.ndarray, goal: np.ndarray) -> np.ndarray:
+def torques(angle: np.ndarray, velocity: np.ndarray, goal: np.ndarray, *, torque: bool = True) -> np.ndarray:
     """What the motors give at one state, the goal long since arrived [Nm]."""
+    model = copy.copy(TWIN.model)
     data = mujoco.MjData(model)
-    data.ctrl[:] = goal
-    for index in range(N):
-        times = np.arange(-model.actuator_history[index, 0] + 1, 1) * model.opt.timestep
-        mujoco.mj_initCtrlHistory(model, data, index, times, np.full(len(times), goal[index]))
     data.qpos[:] = model.key_qpos[0]
     data.qpos[TWIN.qpos] = angle
     data.qvel[TWIN.dof] = velocity
+    motors = Motors([TWIN], Views.of_one(model, data))
+    motors.forget(goal)
+    motors.driven[:] = torque
+    motors.before_step()
     mujoco.mj_forward(model, data)
     return data.qfrc_actuator[TWIN.dof].copy()
 
@@ -43,7 +46,7 @@ def test_the_motor_is_a_voltage_behind_a_winding() -> None:
         duty = gain * (goal - angle) * 4096 / (2 * math.pi) / 885
         clipped += np.count_nonzero(np.abs(duty) > 1)
         expected = k * (np.clip(duty, -1, 1) * supply - k * velocity) / r - servo["viscous"] * velocity
-        found = torques(TWIN.model, angle, velocity, goal)
+        found = torques(angle, velocity, goal)
         # MuJoCo counts the motor's own damping as a passive force; see the next test.
         np.testing.assert_allclose(found - servo["viscous"] * velocity, expected, atol=1e-12)
     assert 50 < clipped < 250
@@ -58,57 +61,43 @@ def test_viscous_friction_is_a_passive_force() -> None:
 
 
 def test_without_torque_a_motor_neither_drives_nor_brakes() -> None:
-    off = build(LAMP, CALIBRATION, ASSETS, torque=False)
-    found = torques(off.model, np.full(N, 0.3), np.full(N, 10.0), np.full(N, -0.6))
-    assert np.abs(found).max() < 1e-6
-    assert np.abs(torques(TWIN.model, np.full(N, 0.3), np.full(N, 10.0), np.full(N, -0.6))).min() > 0.1
+    moving = np.full(N, 0.3), np.full(N, 10.0), np.full(N, -0.6)
+    assert np.abs(torques(*moving, torque=False)).max() == 0.0
+    assert np.abs(torques(*moving)).min() > 0.1
 
 
 def test_motors_changed_while_running_equal_motors_compiled_so() -> None:
-    rows = copy.copy(TWIN.model).actuator_gainprm[TWIN.actuator].copy()
     joints = tuple(
         dataclasses.replace(joint, position_p_gain=gain)
         for joint, gain in zip(LAMP.joints, (200, 400, 1600), strict=True)
     )
     compiled = build(dataclasses.replace(LAMP, joints=joints), CALIBRATION, ASSETS, Bend(supply=-0.7))
-    voltage = np.full(N, CALIBRATION.lamp("supply_voltage") - 0.7)
-    write_motors(rows, TWIN.servos, np.array([200.0, 400.0, 1600.0]), voltage, np.ones(N, bool))
-    np.testing.assert_allclose(rows, compiled.model.actuator_gainprm[compiled.actuator], rtol=1e-14)
-    off = build(LAMP, CALIBRATION, ASSETS, torque=False)
-    gains = np.array([float(joint.position_p_gain) for joint in LAMP.joints])
-    write_motors(rows, TWIN.servos, gains, np.full(N, TWIN.voltage), np.zeros(N, bool))
-    np.testing.assert_allclose(rows, off.model.actuator_gainprm[off.actuator], rtol=1e-14)
+    body = Body(TWIN)
+    body.set_motors(np.array([200.0, 400.0, 1600.0]), np.full(N, TWIN.voltage - 0.7), np.ones(N, bool))
+    body.step()
+    np.testing.assert_allclose(
+        body.model.actuator_gainprm[TWIN.actuator], compiled.model.actuator_gainprm[compiled.actuator], rtol=1e-14
+    )
 
 
 def test_load_dependent_friction_follows_its_formula() -> None:
     rng = np.random.default_rng(2)
-    lanes, nv = 7, TWIN.model.nv
-    coefficients = rng.uniform(0, 0.3, (lanes, N, 9)) + np.array([0, 0, 3, 0, 0, 0, 0, 0.7, 0])
-    motor, bias, velocity = rng.normal(size=(3, lanes, nv))
-    loss = np.full((lanes, nv), -1.0)
-    friction_loss(np.arange(lanes), coefficients, TWIN.dof, motor, bias, velocity, loss)
-    coulomb, stribeck, slowness, by_motor, by_load, by_load_still, by_motor_still, exponent, uneven = np.moveaxis(
-        coefficients, 2, 0
-    )
-    load, tau, w = -bias[:, TWIN.dof], motor[:, TWIN.dof], velocity[:, TWIN.dof]
-    still = np.exp(-((np.abs(w) * slowness) ** exponent))
-    sticking = stribeck + by_load_still * np.abs(load) + by_motor_still * np.abs(tau)
-    expected = coulomb + np.abs(by_load * load - by_motor * tau) + still * sticking
-    expected *= 1 + uneven * np.sign(w)
-    np.testing.assert_allclose(loss[:, TWIN.dof], expected, rtol=1e-13)
-    assert (np.delete(loss, TWIN.dof, axis=1) == -1.0).all()  # the base has no servo friction
+    for _ in range(50):
+        p = dict(zip(SERVO, rng.uniform(0.02, 0.3, len(SERVO)), strict=True)) | {
+            "stribeck_exponent": rng.uniform(0.5, 2)
+        }
+        tau, load, w = rng.normal(size=3)
+        still = np.exp(-((abs(w) / p["stribeck_velocity"]) ** p["stribeck_exponent"]))
+        sticking = p["stribeck"] + p["load_external_stribeck"] * abs(load) + p["load_motor_stribeck"] * abs(tau)
+        expected = p["coulomb"] + abs(p["load_external"] * load - p["load_motor"] * tau) + still * sticking
+        expected *= 1 + p["asymmetry"] * np.sign(w)
+        assert friction_loss(np.array(list(p.values())), tau, load, w) == pytest.approx(expected, rel=1e-13)
 
 
 def test_a_motor_that_carries_gravity_meets_less_friction_than_one_that_fights_it() -> None:
-    coefficients = TWIN.servos.friction()[None]
-    bias = np.zeros((1, TWIN.model.nv))
-    bias[0, TWIN.dof] = -0.2  # gravity pushes forward by 0.2 Nm
-    loss = np.zeros((2, 1, TWIN.model.nv))
-    for row, torque in zip(loss, (-0.2, 0.2), strict=True):
-        motor = np.zeros((1, TWIN.model.nv))
-        motor[0, TWIN.dof] = torque
-        friction_loss(np.zeros(1, np.int64), coefficients, TWIN.dof, motor, bias, np.ones((1, TWIN.model.nv)), row)
-    assert (loss[0, 0, TWIN.dof] > 2 * loss[1, 0, TWIN.dof]).all()
+    servo = TWIN.servos.table[0]
+    against, along = (friction_loss(servo, torque, 0.2, 1.0) for torque in (-0.2, 0.2))
+    assert against > 2 * along > 0
 
 
 @pytest.mark.parametrize(
