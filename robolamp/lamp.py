@@ -135,7 +135,7 @@ class Lamp:
         for joint, value in zip(self.joints, goal, strict=True):
             if not joint.lower - _ROUNDING <= value <= joint.upper + _ROUNDING:  # NaN is outside too
                 raise SafetyError(
-                    f"goal {value:g} rad of {joint.name} is not from {joint.lower:g} to {joint.upper:g} rad",
+                    f"goal {value:.9g} rad of {joint.name} is not from {joint.lower:g} to {joint.upper:g} rad",
                     str(self.path),
                 )
 

@@ -100,7 +100,7 @@ def follows(
         if not len(lanes):
             break
         wanted = compiled.run(program[lanes], trace.inputs[lanes, tick], np.empty((len(lanes), joints)))
-        bound_lanes(wanted, sent, *limits, changed)
+        bound_lanes(np.arange(len(lanes)), wanted, sent, *limits, changed)
         # As bits: a goal of -0.0 is not one of 0.0, which a physics step might tell apart.
         agrees = (sent.view(np.int64) == trace.goals[lanes, tick].view(np.int64)).all(axis=1)
         if not agrees.all():

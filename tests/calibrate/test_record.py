@@ -138,7 +138,7 @@ def test_a_person_is_told_what_to_do_and_asked_what_only_a_person_can_see(tmp_pa
     manifest = recorded(tmp_path, [SOFT, *steps("hop-15cm")], person=person, connect=connect)
     assert (manifest.mass, manifest.entries[-1].travel) == (0.214, 0.12)
     assert told[0].startswith("1/2 steps-soft - delay, and how the gain")
-    assert "measure how far it came" in told[1]
+    assert "measure how far it went" in told[1]
 
 
 def test_a_way_that_nobody_measured_keeps_no_half_recording(tmp_path: Path) -> None:

@@ -227,7 +227,7 @@ def test_a_log_without_context_and_next_to_no_run_phase_is_compared(tmp_path, ph
     [
         (FileError, "is of joints a, b; ", lambda path: bare_log(path, joints=("a", "b"))),
         (FileError, "no joint has a reading", lambda path: bare_log(path, angle=np.nan)),
-        (SafetyError, "goal 3 rad is outside", lambda path: bare_log(path, goal=3.0)),
+        (SafetyError, "goal 3 rad of ankle is not from", lambda path: bare_log(path, goal=3.0)),
     ],
 )
 def test_a_log_that_does_not_fit_the_lamp_leaves_nothing_behind(tmp_path, error, message, make):
