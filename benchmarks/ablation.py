@@ -14,13 +14,13 @@ import numpy as np
 
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
-from robolamp.controller.file import Controller, load_controller
+from robolamp.controller.controller_file import Controller, load_controller
 from robolamp.controller.terminals import all_terminals
-from robolamp.evolve.run import evolve
+from robolamp.evolve.evolution import evolve
 from robolamp.evolve.task import load_task
 from robolamp.lamp import load_lamp
 from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.model import build
+from robolamp.twin.lamp_model import build
 from robolamp.twin.spread import load_spread
 
 ASSETS = Assets()

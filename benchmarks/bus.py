@@ -29,14 +29,14 @@ import numpy as np
 from dynamixel_easy_sdk import Connector, DxlRuntimeError
 
 from robolamp.assets import Assets
-from robolamp.dynamixel.block import LENGTHS
 from robolamp.dynamixel.bus import Bus
+from robolamp.dynamixel.health_block import LENGTHS
 from robolamp.dynamixel.registers import MODELS, RAD_PER_COUNT
 from robolamp.dynamixel.servos import Servos
-from robolamp.dynamixel.wire import CONDITION, STATE, Transport, wire_time
+from robolamp.dynamixel.wire_time import CONDITION, STATE, Transport, wire_time
 from robolamp.errors import RobolampError
 from robolamp.lamp import load_lamp
-from robolamp.robot.lamp import RobotLamp
+from robolamp.robot.robot_lamp import RobotLamp
 from robolamp.runtime.clock import MonotonicClock
 from robolamp.signals import Command
 

@@ -12,10 +12,10 @@ import time
 
 import numpy as np
 
-from robolamp.calibrate.bench import Bench
-from robolamp.calibrate.identify import Problem
-from robolamp.calibrate.ladder import Chart, switched_off
-from robolamp.calibrate.pendulum import Pendulum, parameter_set
+from robolamp.calibrate.servo.fast_pendulum import Pendulum, parameter_set
+from robolamp.calibrate.servo.ladder import Chart, switched_off
+from robolamp.calibrate.servo.mujoco_bench import Bench
+from robolamp.calibrate.servo.pendulum_fit import Problem
 from tests.calibrate.bench_parts import NOMINAL, chirp, drop, record, steps
 
 FREE = (

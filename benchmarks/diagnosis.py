@@ -23,20 +23,20 @@ import numpy as np
 
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
-from robolamp.compare.diagnosis import diagnose
-from robolamp.compare.evidence import Evidence
-from robolamp.compare.explain import explain
-from robolamp.controller.file import load_controller
+from robolamp.compare.causes.evidence import Evidence
+from robolamp.compare.causes.ranking import explain
+from robolamp.compare.causes.words import diagnose
+from robolamp.controller.controller_file import load_controller
 from robolamp.controller.pilot import Pilot
-from robolamp.emulator.lamp import EmulatedLamp
-from robolamp.emulator.lockstep import Lockstep
-from robolamp.emulator.reality import Reality
+from robolamp.emulator.emulated_lamp import EmulatedLamp
+from robolamp.emulator.ports.lockstep import Lockstep
+from robolamp.emulator.reality.file import Reality
 from robolamp.lamp import load_lamp
-from robolamp.log.context import run_context
 from robolamp.log.reader import read_run
+from robolamp.log.run_context import run_context
 from robolamp.log.schemas import ANSWER_WIRE
 from robolamp.log.writer import LogWriter
-from robolamp.robot.lamp import RobotLamp
+from robolamp.robot.robot_lamp import RobotLamp
 from robolamp.runtime.loop import run
 
 GOAL = 0.30

@@ -24,11 +24,11 @@ from mujoco.rollout import Rollout
 
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
-from robolamp.evolve.run import evolve
+from robolamp.evolve.evolution import evolve
 from robolamp.evolve.task import Task, load_task
 from robolamp.lamp import load_lamp
-from robolamp.twin.lamps import settle
-from robolamp.twin.model import TwinModel, build
+from robolamp.twin.lamp_lanes import settle
+from robolamp.twin.lamp_model import TwinModel, build
 
 ASSETS = Assets()
 LAMP = load_lamp(ASSETS)

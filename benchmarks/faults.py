@@ -32,15 +32,15 @@ from pathlib import Path
 
 import numpy as np
 
-from robolamp.cli.drive import Drive, drive
-from robolamp.cli.emulating import InjectionLog
+from robolamp.cli.emulator_parts import InjectionLog
 from robolamp.cli.options import Setup
+from robolamp.cli.run.drive import Drive, drive
 from robolamp.dynamixel.registers import RAD_PER_COUNT, Name
-from robolamp.emulator.faults import DAMAGES, Event, Faults, Rates
-from robolamp.emulator.lamp import EmulatedLamp
-from robolamp.emulator.lockstep import Lockstep
+from robolamp.emulator.emulated_lamp import EmulatedLamp
+from robolamp.emulator.faults.script import DAMAGES, Event, Faults, Rates
 from robolamp.emulator.packet import Instruction, Parser
-from robolamp.emulator.reality import load_reality
+from robolamp.emulator.ports.lockstep import Lockstep
+from robolamp.emulator.reality.file import load_reality
 from robolamp.errors import BusError
 from robolamp.log.reader import Run, read_run
 from robolamp.robot.connection import Connection

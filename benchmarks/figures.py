@@ -23,7 +23,7 @@ from robolamp.controller.expression import parse
 from robolamp.controller.program import Program, compile_program
 from robolamp.controller.terminals import figure_terminals
 from robolamp.figure import Figure, load_figure
-from robolamp.twin.figure import FigureTwin, build_figure
+from robolamp.twin.figure_model import FigureTwin, build_figure
 from robolamp.twin.fleet import Fleet, Job
 
 LANES, SECONDS, ROUNDS, PERIOD = 200, 2.0, 7, 0.01

@@ -18,10 +18,10 @@ import numpy as np
 from robolamp.dynamixel.bus import Bus
 from robolamp.dynamixel.registers import MODELS, RAD_PER_COUNT, Name
 from robolamp.dynamixel.servos import Servos
-from robolamp.emulator.bare import BareServos
-from robolamp.emulator.lockstep import LockstepClock
+from robolamp.emulator.bare_servos import BareServos
+from robolamp.emulator.bare_servos_file import BareServo
 from robolamp.emulator.packet import fast_status, packet, status
-from robolamp.emulator.servos_file import BareServo
+from robolamp.emulator.ports.lockstep import LockstepClock
 from robolamp.errors import BusError
 from robolamp.foot.protocol import Frame, encode
 from robolamp.foot.sensor import FootSensor

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from robolamp.assets import Assets, shipped
 from robolamp.calibration import load_calibration
-from robolamp.controller.file import load_controller, save_controller
+from robolamp.controller.controller_file import load_controller, save_controller
 from robolamp.errors import RobolampError
 from robolamp.lamp import load_lamp
 

@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from robolamp.calibrate.identify import Problem, Solution
-from robolamp.calibrate.pendulum import Pendulum
-from robolamp.calibrate.recordings import Recording
+from robolamp.calibrate.servo.fast_pendulum import Pendulum
+from robolamp.calibrate.servo.pendulum_fit import Problem, Solution
+from robolamp.calibrate.servo.recordings import Recording
 from tests.calibrate.wire_parts import CHART, FREE, known_servo, record_servo
 
 _SHARE, _ERRORS = 0.02, 3.0  # what is allowed: of the truth, and in standard errors

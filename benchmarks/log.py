@@ -18,7 +18,7 @@ from mcap_ros2.decoder import DecoderFactory
 
 from robolamp.log import writer
 from robolamp.log.reader import Run, read_run
-from robolamp.log.table import export
+from robolamp.log.run_table import export
 from robolamp.signals import Health, Interventions, Observation, Tick
 
 PERIOD = 0.02  # s

@@ -12,7 +12,7 @@ import sys
 import tempfile
 
 LIMIT = 2.0  # GiB
-IMPORT = "import robolamp.cli.main, robolamp.evolve.run"
+IMPORT = "import robolamp.cli.main, robolamp.evolve.evolution"
 
 
 def peak(*command: str) -> float:

@@ -24,7 +24,7 @@ from robolamp.assets import Assets
 from robolamp.controller.pilot import PilotStep
 from robolamp.errors import RobolampError
 from robolamp.lamp import load_lamp
-from robolamp.robot.lamp import RobotLamp
+from robolamp.robot.robot_lamp import RobotLamp
 from robolamp.runtime.clock import MonotonicClock
 from robolamp.runtime.loop import run
 from robolamp.signals import Interventions, Observation, Tick

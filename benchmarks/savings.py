@@ -17,12 +17,12 @@ import numpy as np
 
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
-from robolamp.controller.file import load_controller
+from robolamp.controller.controller_file import load_controller
+from robolamp.evolve.evolution import evolve
 from robolamp.evolve.progress import Result
-from robolamp.evolve.run import evolve
 from robolamp.evolve.task import Task, load_task
 from robolamp.lamp import load_lamp
-from robolamp.twin.model import build
+from robolamp.twin.lamp_model import build
 
 ASSETS = Assets()
 LAMP = load_lamp(ASSETS)

@@ -2,10 +2,10 @@
 
     python benchmarks/unknown_lamps.py [--realities 10] [--first 1] [--scale 1.0]
 
-Each reality is drawn by `robolamp.emulator.draw.random_reality` (play, sag, bending, jitter, encoder waves, masses,
-friction: more than the twin's family of models has), recorded through the emulated serial ports by `robolamp calibrate
-all`, fitted without knowing its numbers, and judged by a hop to 22 cm. A line for each lamp, then the medians. Some
-minutes a lamp on 2 cores.
+Each reality is drawn by `robolamp.emulator.reality.draw.random_reality` (play, sag, bending, jitter, encoder waves,
+masses, friction: more than the twin's family of models has), recorded through the emulated serial ports by `robolamp
+calibrate all`, fitted without knowing its numbers, and judged by a hop to 22 cm. A line for each lamp, then the
+medians. Some minutes a lamp on 2 cores.
 """
 
 from __future__ import annotations

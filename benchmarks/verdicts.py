@@ -33,19 +33,19 @@ from pathlib import Path
 
 import numpy as np
 
-from robolamp.cli.drive import Drive, drive
-from robolamp.cli.lockstep import LockstepLamp
 from robolamp.cli.options import Setup
-from robolamp.compare.run import compare_log
+from robolamp.cli.run.drive import Drive, drive
+from robolamp.cli.run.lockstep import LockstepLamp
+from robolamp.compare.compare_logs import compare_log
 from robolamp.controller.terminals import all_terminals
-from robolamp.emulator.faults import DAMAGES, Event, Faults, Rates
-from robolamp.emulator.reality import Reality, load_reality
+from robolamp.emulator.faults.script import DAMAGES, Event, Faults, Rates
+from robolamp.emulator.reality.file import Reality, load_reality
 from robolamp.errors import BusError, FileError
 from robolamp.log.reader import Run, Truth, read_run, read_truth
 from robolamp.runtime.stop import StopRequest
 from robolamp.signals import Clock
 from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.model import build
+from robolamp.twin.lamp_model import build
 
 Random = np.random.Generator
 DURATION = 8.0  # s: time for goals to 60 cm

@@ -14,9 +14,9 @@ from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.figure import load_figure
 from robolamp.lamp import load_lamp
-from robolamp.twin.figure import build_figure
-from robolamp.twin.model import build
-from robolamp.twin.render import Camera, qpos_of
+from robolamp.twin.figure_model import build_figure
+from robolamp.twin.lamp_model import build
+from robolamp.twin.pictures.render import Camera, qpos_of
 
 _DOCS = Path(__file__).parent
 

@@ -6,8 +6,8 @@ from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.lamp import load_lamp
 from robolamp.signals import Command
-from robolamp.twin.lamp import TwinLamp
-from robolamp.twin.model import build
+from robolamp.twin.lamp_model import build
+from robolamp.twin.twin_lamp import TwinLamp
 
 
 def main() -> None:

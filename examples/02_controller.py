@@ -9,7 +9,7 @@ from robolamp.controller.program import compile_program
 from robolamp.controller.terminals import on_board_terminals
 from robolamp.lamp import load_lamp
 from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.model import build
+from robolamp.twin.lamp_model import build
 from robolamp.twin.spread import load_spread
 
 # Crouch, push and tuck, in a cycle that the foot's contact restarts; one expression a joint, from the foot up.

@@ -5,10 +5,10 @@ import subprocess
 import sys
 
 from robolamp.assets import Assets
-from robolamp.controller.file import load_controller
+from robolamp.controller.controller_file import load_controller
 from robolamp.controller.pilot import Pilot
 from robolamp.lamp import load_lamp
-from robolamp.robot.lamp import RobotLamp
+from robolamp.robot.robot_lamp import RobotLamp
 from robolamp.runtime.clock import MonotonicClock
 from robolamp.runtime.loop import run
 from robolamp.runtime.stop import StopRequest

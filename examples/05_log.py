@@ -9,11 +9,11 @@ from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.lamp import load_lamp
 from robolamp.log.reader import read_run
-from robolamp.log.table import columns_of, export
+from robolamp.log.run_table import columns_of, export
 from robolamp.log.writer import LogWriter
 from robolamp.signals import Command, Tick
-from robolamp.twin.lamp import TwinLamp
-from robolamp.twin.model import build
+from robolamp.twin.lamp_model import build
+from robolamp.twin.twin_lamp import TwinLamp
 
 PERIOD = 0.02  # s
 

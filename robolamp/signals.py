@@ -1,8 +1,8 @@
 """Observation and Command, arrays over named joints, and the protocol that every lamp backend keeps.
 
-Two backends exist: the twin (`robolamp.twin.lamp`, virtual time) and the robot (`robolamp.robot.lamp`, serial ports,
-physical or emulated). The loop, the log and the controllers know this module only. Angles are joint angles in radians,
-0 in the neutral pose; shapes are (n,) over the lamp's joints, from the foot up.
+Two backends exist: the twin (`robolamp.twin.twin_lamp`, virtual time) and the robot (`robolamp.robot.robot_lamp`,
+serial ports, physical or emulated). The loop, the log and the controllers know this module only. Angles are joint
+angles in radians, 0 in the neutral pose; shapes are (n,) over the lamp's joints, from the foot up.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from robolamp.calibrate.excite import (
+from robolamp.calibrate.excitations import (
     Excitation,
     Signal,
     chirp,

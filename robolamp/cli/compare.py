@@ -11,12 +11,12 @@ from cyclopts import Parameter
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.cli.options import MAX_GOAL, length
-from robolamp.cli.output import counted, print_json
+from robolamp.cli.screen.output import counted, print_json
 from robolamp.errors import FileError, RobolampError
 
 if TYPE_CHECKING:
     from robolamp.compare.comparison import Comparison
-    from robolamp.compare.folder import Folder
+    from robolamp.compare.folder.runs import Folder
 
 
 def compare(
@@ -72,8 +72,8 @@ def compare(
     if run.is_dir():
         if other is not None or truth is not None:
             raise RobolampError("is for logs; a folder is compared by itself", "--truth" if truth else str(other))
-        from robolamp.compare.folder import compare_folder
-        from robolamp.compare.folder_report import write_folder_report
+        from robolamp.compare.folder.report import write_folder_report
+        from robolamp.compare.folder.runs import compare_folder
 
         folder = compare_folder(run, assets=assets, calibration=numbers, tolerances=allowed)
         report = output or run / "compare.html"
@@ -83,8 +83,8 @@ def compare(
         else:
             _tell_folder(folder, report)
         return 0
-    from robolamp.compare.motion import truth_of
-    from robolamp.compare.run import compare_log, compare_logs, read_either
+    from robolamp.compare.compare_logs import compare_log, compare_logs, read_either
+    from robolamp.compare.logged_motion import truth_of
 
     if not run.name or (other is not None and (not other.name or other.is_dir())):
         raise FileError("is a folder; expected a log (.mcap)", str(run if not run.name else other))
@@ -116,7 +116,7 @@ def compare(
 
 
 def _tell(result: Comparison) -> None:
-    from robolamp.compare.report import sentence, three
+    from robolamp.compare.report.page import sentence, three
 
     for asked, word, why in three(result):
         print(f"{asked:<38} {word}. {why}".rstrip())

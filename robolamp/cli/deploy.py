@@ -10,8 +10,8 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from robolamp.cli.options import DURATION, GOAL_TIME, Setup, length
-from robolamp.cli.output import print_json
-from robolamp.controller.file import check_goal_time
+from robolamp.cli.screen.output import print_json
+from robolamp.controller.controller_file import check_goal_time
 from robolamp.errors import FileError, RobolampError
 
 
@@ -76,8 +76,8 @@ def deploy(
                 f"{key}: {value!r} is not a serial port; name it there or by {option}", str(setup.lamp.path)
             )
 
-    from robolamp.cli.drive import Drive, drive, run_folder  # after the arguments are checked
-    from robolamp.cli.outcome import (
+    from robolamp.cli.run.drive import Drive, drive, run_folder  # after the arguments are checked
+    from robolamp.cli.run.outcome import (
         Failure,
         account,
         busy,
@@ -92,8 +92,8 @@ def deploy(
         tell_of_shadow,
         tidying,
     )
-    from robolamp.cli.stages import STAGES, check_before
-    from robolamp.cli.witness import judged
+    from robolamp.cli.run.stages import STAGES, check_before
+    from robolamp.cli.run.witness import judged
     from robolamp.compare.tolerances import load_tolerances
     from robolamp.lateness import Lateness
     from robolamp.robot.connection import Connection

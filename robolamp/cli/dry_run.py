@@ -13,14 +13,14 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from robolamp.cli.options import DURATION, GOAL_TIME, Setup, length
-from robolamp.cli.output import print_json
-from robolamp.controller.file import check_goal_time
+from robolamp.cli.screen.output import print_json
+from robolamp.controller.controller_file import check_goal_time
 from robolamp.errors import RobolampError
 
 if TYPE_CHECKING:
-    from robolamp.cli.drive import Drive
-    from robolamp.emulator.faults import Faults
-    from robolamp.emulator.reality import Reality
+    from robolamp.cli.run.drive import Drive
+    from robolamp.emulator.faults.script import Faults
+    from robolamp.emulator.reality.file import Reality
     from robolamp.runtime.result import RunResult
     from robolamp.runtime.stop import StopRequest
 
@@ -68,8 +68,8 @@ def dry_run(
     check_goal_time(loaded, goal_time)
     distance = length(goal, "--goal")
 
-    from robolamp.cli.drive import Drive, run_folder  # after the arguments are checked
-    from robolamp.cli.outcome import (
+    from robolamp.cli.run.drive import Drive, run_folder  # after the arguments are checked
+    from robolamp.cli.run.outcome import (
         Failure,
         account,
         busy,
@@ -84,8 +84,8 @@ def dry_run(
         tidying,
     )
     from robolamp.compare.tolerances import load_tolerances
-    from robolamp.emulator.faults import Faults, load_faults
-    from robolamp.emulator.reality import load_reality
+    from robolamp.emulator.faults.script import Faults, load_faults
+    from robolamp.emulator.reality.file import load_reality
     from robolamp.runtime.stop import StopRequest
 
     bent = load_reality(reality, setup.lamp, setup.assets)  # refused here in one line, not by the emulator
@@ -186,8 +186,8 @@ class _Lamps:
 
     def in_lockstep(self, stop: StopRequest) -> RunResult:
         """Run in this process and in virtual time."""
-        from robolamp.cli.drive import drive
-        from robolamp.cli.lockstep import LockstepLamp
+        from robolamp.cli.run.drive import drive
+        from robolamp.cli.run.lockstep import LockstepLamp
 
         self.plan.host.lockstep = True
         self.console.print(f"Emulated lamp {self._bent} in lockstep; {self._goes}", markup=False)
@@ -203,9 +203,9 @@ class _Lamps:
             options: Of the emulator.
             stop: Requests to stop.
         """
-        from robolamp.cli.drive import drive
-        from robolamp.cli.emulator_process import EmulatorProcess
-        from robolamp.cli.witness import judged
+        from robolamp.cli.run.drive import drive
+        from robolamp.cli.run.emulator_process import EmulatorProcess
+        from robolamp.cli.run.witness import judged
         from robolamp.robot.connection import Connection
         from robolamp.runtime.clock import MonotonicClock
 

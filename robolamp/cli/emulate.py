@@ -12,7 +12,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from robolamp.cli.output import counted, print_json
+from robolamp.cli.screen.output import counted, print_json
 from robolamp.errors import RobolampError
 from robolamp.files import alone
 from robolamp.runtime.stop import StopRequest
@@ -66,9 +66,9 @@ def emulate(
         for option, value in for_a_lamp.items():
             if servos is not None and value is not None:
                 raise RobolampError("cannot be used with --servos: there is no lamp", option)
-        from robolamp.cli.emulating import Hand, InjectionLog, bare_rig, check_logs, lamp_rig
-        from robolamp.emulator.process import Process
-        from robolamp.emulator.traffic import Traffic
+        from robolamp.cli.emulator_parts import Hand, InjectionLog, bare_rig, check_logs, lamp_rig
+        from robolamp.emulator.line.traffic import Traffic
+        from robolamp.emulator.ports.real_time import Process
 
         if servos is not None:
             rig = bare_rig(servos, faults, factory, eeprom)
@@ -84,9 +84,9 @@ def emulate(
         start = time.monotonic()
         log = None
         if truth is not None and rig.lamp is not None:
-            from robolamp.emulator.lamp import EmulatedLamp
-            from robolamp.emulator.truth import TruthLog
-            from robolamp.log.context import versions
+            from robolamp.emulator.emulated_lamp import EmulatedLamp
+            from robolamp.emulator.truth_log import TruthLog
+            from robolamp.log.run_context import versions
 
             description, numbers, bent = rig.lamp
             context = {"backend": "emulator", "lamp": description.source, "calibration": numbers.source}

@@ -8,11 +8,11 @@ import sys
 from types import FrameType
 
 from robolamp.caches import settle_libraries
-from robolamp.cli.streams import settle_streams
+from robolamp.cli.screen.streams import settle_streams
 
 _NO_DISPLAY = "0"
 """MUJOCO_GL unless it is given. Else MuJoCo asks glfw for a display as it loads, in a process that Ctrl-C hits, too;
-what robolamp draws, it draws without one (`robolamp.twin.render`)."""
+what robolamp draws, it draws without one (`robolamp.twin.pictures.render`)."""
 
 _ENDS = (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)  # what else asks a process to end
 _SIGNALLED = 128  # and the signal's number: as a shell reports a process that a signal ended

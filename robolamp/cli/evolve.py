@@ -12,22 +12,22 @@ from typing import Annotated, Literal
 from cyclopts import Parameter, validators
 from rich.console import Console
 
-from robolamp.cli.evolving import Board
 from robolamp.cli.options import Setup
-from robolamp.cli.output import print_json
-from robolamp.controller.file import check_terminals, read_figure
+from robolamp.cli.screen.evolve_progress import Board
+from robolamp.cli.screen.output import print_json
+from robolamp.controller.controller_file import check_terminals, read_figure
 from robolamp.controller.terminals import TWIN_ONLY
 from robolamp.errors import FileError, RobolampError
 from robolamp.evolve.checkpoint import NAME as CHECKPOINT
-from robolamp.evolve.figures import driven_by
+from robolamp.evolve.evolution import MakeEvaluator, open_run
+from robolamp.evolve.evolution import evolve as run_evolution
 from robolamp.evolve.fitness import load_terms
 from robolamp.evolve.progress import Result
-from robolamp.evolve.run import MakeEvaluator, open_run
-from robolamp.evolve.run import evolve as run_evolution
 from robolamp.evolve.task import load_task
+from robolamp.evolve.task_twins import driven_by
 from robolamp.figure import LAMP, Figure
 from robolamp.files import read_toml
-from robolamp.twin.figure import Twin
+from robolamp.twin.figure_model import Twin
 
 _Count = Annotated[int | None, Parameter(validator=validators.Number(gte=1))]
 _Seed = Annotated[int | None, Parameter(validator=validators.Number(gte=0, lt=2**63))]
@@ -157,7 +157,7 @@ def evolve(
 
 def _cluster(address: str, console: Console, stack: ExitStack) -> MakeEvaluator:
     from robolamp.evolve.cluster import Cluster
-    from robolamp.evolve.machine import differences, machine
+    from robolamp.evolve.platform import differences, machine
 
     def made(twins: Sequence[Twin], period: float) -> Cluster:
         cluster = stack.enter_context(Cluster(address, twins, period))

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.text import Text
 
-from robolamp.cli.figures import stage_of
+from robolamp.cli.controller_stage import stage_of
 from robolamp.cli.options import DURATION, GOAL_TIME, Setup
-from robolamp.cli.output import called, counted, print_json
-from robolamp.controller.branches import count_branches
+from robolamp.cli.screen.output import called, counted, print_json
+from robolamp.controller.branch_counts import count_branches
+from robolamp.controller.controller_file import BY_HAND, EVOLVED, TUNED, Controller
 from robolamp.controller.expression import Expression, subtree_end
-from robolamp.controller.file import BY_HAND, EVOLVED, TUNED, Controller
-from robolamp.controller.layout import lay_out
+from robolamp.controller.expression_layout import lay_out
 from robolamp.controller.simplify import simplify
 from robolamp.errors import RobolampError
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from robolamp.cli.output import counted, print_json
+from robolamp.cli.screen.output import counted, print_json
 from robolamp.errors import FileError, on_one_line
 
 if TYPE_CHECKING:
@@ -64,10 +64,10 @@ def export(
         output: The table: .csv or .parquet; by default a .csv beside the log, with its name.
         as_json: Print one JSON object.
     """
+    from robolamp.log.mcap_stream import read_contents
     from robolamp.log.reader import prefix_in, run_of
-    from robolamp.log.stream import read_contents
-    from robolamp.log.table import check_format
-    from robolamp.log.table import export as write_table
+    from robolamp.log.run_table import check_format
+    from robolamp.log.run_table import export as write_table
 
     table = output or log.with_suffix(".csv")
     check_format(table)

@@ -10,8 +10,8 @@ import sys
 from cyclopts import App, CycloptsError, UnknownOptionError
 
 from robolamp import __version__
-from robolamp.cli.help import Wrapped
-from robolamp.cli.streams import let_go_of_output
+from robolamp.cli.screen.help import Wrapped
+from robolamp.cli.screen.streams import let_go_of_output
 from robolamp.errors import RobolampError, on_one_line
 
 app = App(

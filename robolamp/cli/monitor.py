@@ -11,14 +11,14 @@ from cyclopts import Parameter
 
 from robolamp.assets import Assets
 from robolamp.cli.options import seconds
-from robolamp.cli.output import print_json
+from robolamp.cli.screen.output import print_json
 from robolamp.errors import RobolampError
 from robolamp.lamp import Joint, load_lamp
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from robolamp.dynamixel.state import ServoState
+    from robolamp.dynamixel.servo_state import ServoState
     from robolamp.foot.sensor import FootSensor
 
 _PERIOD = 0.05  # s: twenty looks a second
@@ -101,7 +101,7 @@ def monitor(
 def _facts(joints: Sequence[Joint], state: ServoState, foot: FootSensor | None) -> dict[str, Any]:
     """Return all readings once, with units in the keys; a missing value is NaN or None."""
     from robolamp.dynamixel.registers import HardwareError
-    from robolamp.robot.frame import wrapped
+    from robolamp.robot.joint_frame import wrapped
 
     rows: list[dict[str, Any]] = []
     for index, joint in enumerate(joints):

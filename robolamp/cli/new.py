@@ -10,7 +10,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from robolamp.assets import Assets
-from robolamp.cli.output import print_json
+from robolamp.cli.screen.output import print_json
 from robolamp.errors import FileError
 from robolamp.lamp import load_lamp
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration, load_calibration
-from robolamp.controller.file import Controller, load_controller
+from robolamp.controller.controller_file import Controller, load_controller
 from robolamp.errors import RobolampError
 from robolamp.figure import LAMP, Driven, Figure
 from robolamp.lamp import Lamp, load_lamp

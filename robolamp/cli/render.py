@@ -9,17 +9,17 @@ import numpy as np
 from cyclopts import Parameter
 from numpy.typing import NDArray
 
-from robolamp.cli.figures import Stage, stage_of
+from robolamp.cli.controller_stage import Stage, stage_of
 from robolamp.cli.options import GOAL_TIME, Setup, length, seconds
-from robolamp.cli.output import print_json
-from robolamp.cli.pole import pole_of
+from robolamp.cli.pole_options import pole_of
+from robolamp.cli.screen.output import print_json
 from robolamp.errors import RobolampError
 from robolamp.files import suffix_of, write_atomic
-from robolamp.twin.figure import FigureTwin, Twin
-from robolamp.twin.model import TwinModel
-from robolamp.twin.moments import caption, centimetres, moments
-from robolamp.twin.render import animation, beside, png, strips
-from robolamp.twin.video import encoders, gif, mp4
+from robolamp.twin.figure_model import FigureTwin, Twin
+from robolamp.twin.lamp_model import TwinModel
+from robolamp.twin.pictures.moments import caption, centimetres, moments
+from robolamp.twin.pictures.render import animation, beside, png, strips
+from robolamp.twin.pictures.video import encoders, gif, mp4
 
 Array = NDArray[np.float64]
 
@@ -151,10 +151,10 @@ def _logged(
     path: str, truth: Path | None, setup: Setup, *, with_twin: bool
 ) -> tuple[TwinModel, Array, dict[str, Array], tuple[float, float] | None]:
     """Return a log's run as positions, and where on the floor it was sent, where the log says that."""
-    from robolamp.compare.motion import lamp_motion, truth_of, twin_motion
-    from robolamp.compare.replay import replay
+    from robolamp.compare.goal_replay import replay
+    from robolamp.compare.logged_motion import lamp_motion, truth_of, twin_motion
+    from robolamp.log.mcap_stream import read_contents
     from robolamp.log.reader import prefix_in, run_of
-    from robolamp.log.stream import read_contents
 
     contents = read_contents(Path(path))
     log = run_of(contents, prefix_in(contents))

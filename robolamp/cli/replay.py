@@ -11,7 +11,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from robolamp.cli.options import Setup
-from robolamp.cli.output import print_json
+from robolamp.cli.screen.output import print_json
 from robolamp.errors import FileError, RobolampError
 from robolamp.files import spare, write_atomic
 from robolamp.player.server import PageServer
@@ -87,11 +87,11 @@ def show(log: Path, setup: Setup, page: Path) -> None:
 
 
 def _page(path: Path, truth_path: Path | None, setup: Setup) -> str:
-    from robolamp.compare.motion import truth_of
-    from robolamp.compare.playback import playback_of
-    from robolamp.compare.replay import replay as drive_twin
+    from robolamp.compare.goal_replay import replay as drive_twin
+    from robolamp.compare.logged_motion import truth_of
+    from robolamp.compare.replay_scene import playback_of
+    from robolamp.log.mcap_stream import read_contents
     from robolamp.log.reader import prefix_in, run_of
-    from robolamp.log.stream import read_contents
     from robolamp.player.page import page
 
     if not path.name:

@@ -12,16 +12,16 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from robolamp.cli.bar import bar
-from robolamp.cli.figures import stage_of
+from robolamp.cli.controller_stage import stage_of
 from robolamp.cli.options import DURATION, GOAL_TIME, Setup
-from robolamp.cli.output import called, counted, print_json
-from robolamp.cli.pole import pole_of
+from robolamp.cli.pole_options import pole_of
 from robolamp.cli.score_figure import figure_keys, print_figure
+from robolamp.cli.screen.output import called, counted, print_json
+from robolamp.cli.screen.progress_bar import bar
 from robolamp.errors import RobolampError
-from robolamp.twin.drawn import LampLaw
-from robolamp.twin.model import Pole, build
-from robolamp.twin.outcome import RunOutcome
+from robolamp.twin.lamp_model import Pole, build
+from robolamp.twin.random_lamps import LampLaw
+from robolamp.twin.run_outcome import RunOutcome
 
 _GOALS = "0.05:0.60:56"  # [m]
 _ROWS = 12  # of the table that a person reads; --json has every goal

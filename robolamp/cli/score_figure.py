@@ -10,9 +10,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from robolamp.cli.output import counted
+from robolamp.cli.screen.output import counted
 from robolamp.figure import POINT, Figure
-from robolamp.twin.outcome import RunOutcome
+from robolamp.twin.run_outcome import RunOutcome
 
 if TYPE_CHECKING:
     from robolamp.evolve.task import Task

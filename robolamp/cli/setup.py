@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 from robolamp.assets import Assets
-from robolamp.cli.output import print_json
+from robolamp.cli.screen.output import print_json
 from robolamp.errors import RobolampError
 from robolamp.lamp import Joint, Lamp, load_lamp
 
@@ -165,7 +165,7 @@ def _told(result: dict[str, Any], as_json: bool) -> int:
 
 
 def _ask(text: str) -> None:
-    from robolamp.cli.prompt import STOP, answered
+    from robolamp.cli.screen.prompt import STOP, answered
     from robolamp.runtime.stop import StopRequest
 
     print(f"{text} Then press Enter ({STOP}).", file=sys.stderr, flush=True)
@@ -226,7 +226,7 @@ def _zero(port: str, lamp: Lamp, keep_signs: bool, ask: Ask | None) -> dict[str,
     from robolamp.dynamixel.bus import Bus
     from robolamp.dynamixel.servos import Servos
     from robolamp.robot.preflight import check_meaning
-    from robolamp.robot.roll import PATIENCE, check_servos
+    from robolamp.robot.roll_call import PATIENCE, check_servos
     from robolamp.robot.setup import edit_lamp, set_joint, sign_of
     from robolamp.runtime.clock import MonotonicClock
 
@@ -310,7 +310,7 @@ def _foot(port: str, lamp: Lamp, weight: float | None, ask: Ask | None) -> dict[
 
 
 def _check(port: str, foot_port: str, lamp: Lamp, fix: bool) -> dict[str, Any]:
-    from robolamp.robot.lamp import RobotLamp, servo_traits
+    from robolamp.robot.robot_lamp import RobotLamp, servo_traits
     from robolamp.robot.setup import check_strangers
     from robolamp.runtime.clock import MAX_PERIOD, PERIOD, MonotonicClock, check_period, least_period
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from robolamp.assets import Assets
-from robolamp.cli.output import print_json
+from robolamp.cli.screen.output import print_json
 from robolamp.errors import RobolampError
 from robolamp.lamp import load_lamp
 from robolamp.ports import Holder, check_serial, holders, holds

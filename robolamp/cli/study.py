@@ -13,12 +13,12 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from robolamp.cli.options import Setup
-from robolamp.cli.output import counted, print_json
+from robolamp.cli.screen.output import counted, print_json
 from robolamp.errors import RobolampError
 from robolamp.evolve.progress import Generation
-from robolamp.evolve.study import HERE, STUDIES, TASK, Order, Point, chosen_points, orders, settled
-from robolamp.evolve.study_report import Report, Reporter
-from robolamp.evolve.study_runs import Scale, Shelf, carry_out
+from robolamp.evolve.study.plan import HERE, STUDIES, TASK, Order, Point, chosen_points, orders, settled
+from robolamp.evolve.study.report import Report, Reporter
+from robolamp.evolve.study.runs import Scale, Shelf, carry_out
 from robolamp.files import suffix_of
 
 _SPEED_OVER = 3600.0  # time left is reckoned from this long a while [s]: runs differ

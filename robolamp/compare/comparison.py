@@ -10,20 +10,20 @@ from typing import Any
 
 from robolamp.calibration import Calibration
 from robolamp.compare.align import JointError
-from robolamp.compare.alone import Alone
-from robolamp.compare.control import ControlReplay
-from robolamp.compare.course import BANDS, Parting, Plain, Spectrum
-from robolamp.compare.diagnosis import Finding
-from robolamp.compare.explain import Account
-from robolamp.compare.flights import Hop
+from robolamp.compare.causes.ranking import Account
+from robolamp.compare.causes.words import Finding
+from robolamp.compare.controller_alone import Alone
+from robolamp.compare.controller_replay import ControlReplay
+from robolamp.compare.divergence import BANDS, Parting, Plain, Spectrum
+from robolamp.compare.goal_replay import Replay
 from robolamp.compare.landing import Landing
-from robolamp.compare.replay import Replay
-from robolamp.compare.side import Side
-from robolamp.compare.task import NOT_DONE, Task
+from robolamp.compare.sensed_flights import Hop
+from robolamp.compare.task_verdict import NOT_DONE, Task
 from robolamp.compare.tolerances import Tolerances
-from robolamp.compare.verdict import INSIDE, Verdict
+from robolamp.compare.trajectory import Side
+from robolamp.compare.twin_verdict import INSIDE, Verdict
 from robolamp.log.reader import Run
-from robolamp.twin.model import TwinModel
+from robolamp.twin.lamp_model import TwinModel
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from robolamp.compare.pauses import origin
-from robolamp.compare.side import covers
+from robolamp.compare.trajectory import covers
 from robolamp.lamp import Lamp
 from robolamp.log.reader import Run, Truth
-from robolamp.twin.flown import flown
 from robolamp.twin.judge import REST_WINDOW
+from robolamp.twin.true_flights import flown
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from robolamp.controller.controller_file import Controller, check_goal_time, check_terminals
 from robolamp.controller.envelope import Envelope
-from robolamp.controller.file import Controller, check_goal_time, check_terminals
-from robolamp.controller.hops import SignalLimits
+from robolamp.controller.hop_counter import SignalLimits
 from robolamp.controller.terminals import OPTIONAL, Signals, on_board_terminals
 from robolamp.lamp import Lamp
 from robolamp.signals import Interventions, Observation

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.controller.hops import HopCounter, SignalLimits
+from robolamp.controller.hop_counter import HopCounter, SignalLimits
 from robolamp.figure import POINT, Driven, Figure
 
 

@@ -19,10 +19,10 @@ from typing import Any
 
 from dynamixel_sdk import COMM_RX_TIMEOUT, COMM_SUCCESS, Protocol2PacketHandler
 
-from robolamp.dynamixel.fast import FastReply
+from robolamp.dynamixel.fast_sync_read import FastReply
 from robolamp.dynamixel.port import Port, SerialPort, line_time
 from robolamp.dynamixel.registers import BAUD_CODES, Register
-from robolamp.dynamixel.status import ALERT, Status
+from robolamp.dynamixel.status_packet import ALERT, Status
 from robolamp.errors import BusError
 from robolamp.ports import open_error, said_by
 from robolamp.signals import Clock

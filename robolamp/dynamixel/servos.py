@@ -10,12 +10,12 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.dynamixel.block import LENGTHS, data_address, map_block, places_in_block
 from robolamp.dynamixel.bus import Bus
+from robolamp.dynamixel.health_block import LENGTHS, data_address, map_block, places_in_block
 from robolamp.dynamixel.registers import COUNTS_PER_TURN, FULL_PWM, RAD_PER_COUNT, WATCHDOG_UNIT, Model, Name, Register
-from robolamp.dynamixel.state import COLUMNS, VOLTAGE, Answer, Layout, Scales, ServoState
-from robolamp.dynamixel.status import Status
-from robolamp.dynamixel.wire import CONDITION, STATE, Transport
+from robolamp.dynamixel.servo_state import COLUMNS, VOLTAGE, Answer, Layout, Scales, ServoState
+from robolamp.dynamixel.status_packet import Status
+from robolamp.dynamixel.wire_time import CONDITION, STATE, Transport
 from robolamp.errors import BusError, SafetyError
 
 _ALIKE = {  # counts that two readings of one servo, a few ms apart and at rest, may differ by

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from robolamp.errors import FileError, RobolampError
 from robolamp.figure import LAMP
 from robolamp.files import MOST_TOML, read_text
+from robolamp.twin.figure_judge import FigureOutcome
 from robolamp.twin.judge import Outcome
-from robolamp.twin.outcome import RunOutcome
-from robolamp.twin.verdict import FigureOutcome
+from robolamp.twin.run_outcome import RunOutcome
 
 Term = Callable[[Any], NDArray[np.float64]]
 """Takes an outcome of many lanes (`Outcome` of the lamp, `FigureOutcome` of other figures) and gives one number a lane,

@@ -19,9 +19,9 @@ from robolamp.evolve.fitness import NEEDS, terms, terms_of
 from robolamp.evolve.gep_settings import GepSettings, read_gep
 from robolamp.figure import DRIVES, LAMP, POINT, Figure, figures, load_figure
 from robolamp.files import MOST_TOML, Table, parse_toml, read_text, shown
-from robolamp.twin.figure import World
-from robolamp.twin.model import Pole
-from robolamp.twin.poses import KeyPose
+from robolamp.twin.figure_model import World
+from robolamp.twin.key_poses import KeyPose
+from robolamp.twin.lamp_model import Pole
 
 REPRESENTATIONS = ("tree", "gep")
 """Ways to write an individual down: trees (Koza), or genes (Ferreira); see `robolamp.evolve.representation`."""

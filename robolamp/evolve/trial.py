@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.controller.program import Program, compile_program
-from robolamp.evolve.cases import poisson_disk, poisson_disk_plane
 from robolamp.evolve.fitness import weighted
+from robolamp.evolve.fitness_cases import poisson_disk, poisson_disk_plane
 from robolamp.evolve.task import Task
 from robolamp.evolve.tree import Genome
 from robolamp.figure import Figure
 from robolamp.twin.fleet import Job
-from robolamp.twin.outcome import RunOutcome
-from robolamp.twin.poses import KeyPose
+from robolamp.twin.key_poses import KeyPose
+from robolamp.twin.run_outcome import RunOutcome
 from robolamp.twin.trace import Trace
 
 _TRACE_AT_ONCE = 250e6  # bytes of what controllers saw and sent
@@ -87,7 +87,7 @@ def draw_cases(rng: np.random.Generator, task: Task, lamps: int) -> list[Case]:
 
 
 @dataclass(frozen=True)
-class Score:
+class TrialScore:
     """Fitness of genomes; arrays have shape (genomes,).
 
     Attributes:
@@ -109,7 +109,7 @@ class Score:
     flight_share: NDArray[np.float64]
 
     @classmethod
-    def of(cls, values: NDArray[np.float64]) -> Score:
+    def of(cls, values: NDArray[np.float64]) -> TrialScore:
         """Return the score of trials.
 
         Args:
@@ -208,6 +208,6 @@ class Trials:
         values = values.reshape(len(unique), len(cases), len(MEASURES))
         return values[[place[genome] for genome in genomes]]
 
-    def score(self, genomes: Sequence[Genome], cases: Sequence[Case]) -> Score:
+    def score(self, genomes: Sequence[Genome], cases: Sequence[Case]) -> TrialScore:
         """Return the score of every genome, tried on every case; see `table`."""
-        return Score.of(self.table(genomes, cases))
+        return TrialScore.of(self.table(genomes, cases))

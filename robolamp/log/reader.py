@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from robolamp.errors import FileError, RobolampError
 from robolamp.files import parse_toml
 from robolamp.log.cdr import Rows
+from robolamp.log.mcap_stream import Contents, read_contents
 from robolamp.log.schemas import (
     ANSWER_WIRE,
     EVENT,
@@ -26,7 +27,6 @@ from robolamp.log.schemas import (
     TRUTH_JOINTS_TOPIC,
     TWIN_PREFIX,
 )
-from robolamp.log.stream import Contents, read_contents
 
 if TYPE_CHECKING:
     import pandas
@@ -51,7 +51,7 @@ class Run:
 
     Attributes:
         path: The log.
-        context: The run's context (see `robolamp.log.context`).
+        context: The run's context (see `robolamp.log.run_context`).
         truncated: Whether the log ends early (the process was killed) or is damaged.
         joints: Joint names, from the foot up.
         log_time: When the goals were sent, shape (N,) [ns since the epoch].
@@ -126,12 +126,12 @@ class Run:
         return f"<Run {str(self.path)!r}: {'; '.join(said)}>"
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return the run as a table, a row a tick (`robolamp.log.table.columns_of`), its context in `attrs`.
+        """Return the run as a table, a row a tick (`robolamp.log.run_table.columns_of`), its context in `attrs`.
 
         Raises:
             RobolampError: pandas is not installed.
         """
-        from robolamp.log.table import columns_of  # noqa: PLC0415 (which reads runs, too)
+        from robolamp.log.run_table import columns_of  # noqa: PLC0415 (which reads runs, too)
 
         try:
             import pandas  # noqa: PLC0415 (nothing else of robolamp needs it)

@@ -10,7 +10,7 @@ from mcap.writer import Writer
 
 from robolamp.errors import FileError
 from robolamp.files import write_atomic
-from robolamp.log.stream import Contents, read_contents
+from robolamp.log.mcap_stream import Contents, read_contents
 
 
 @dataclass(frozen=True)

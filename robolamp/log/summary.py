@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.errors import FileError
+from robolamp.log.mcap_stream import read_contents
 from robolamp.log.reader import Run, prefix_in, run_of
 from robolamp.log.schemas import METADATA
-from robolamp.log.stream import read_contents
 
 _GAP = 1.5  # control periods between two ticks that make a gap
 

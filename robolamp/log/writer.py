@@ -64,7 +64,7 @@ class LogWriter:
 
     Args:
         path: The file; missing folders are made, a file or link that is there is replaced.
-        context: The run's context, kept as the metadata record "robolamp" (see `robolamp.log.context`).
+        context: The run's context, kept as the metadata record "robolamp" (see `robolamp.log.run_context`).
         joints: Joint names, n of them.
         now: The clock of the message times, read at this moment [s]: for a virtual clock. None: times are on
             `time.monotonic()`, the robot's clock, which is matched to the epoch to a few microseconds.

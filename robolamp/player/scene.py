@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.twin.model import TwinModel
+from robolamp.twin.lamp_model import TwinModel
 
 Vertices = NDArray[np.float32]
 Shape = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]  # points, normals, triangles

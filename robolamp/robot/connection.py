@@ -9,7 +9,7 @@ from typing import Self
 from robolamp.dynamixel.bus import PATIENCE, SETTING_PATIENCE, Port
 from robolamp.foot.sensor import ByteSource
 from robolamp.lamp import Lamp
-from robolamp.robot.lamp import RobotLamp
+from robolamp.robot.robot_lamp import RobotLamp
 from robolamp.signals import Clock
 
 _EMULATOR_PATIENCE = 0.012  # the emulator is one process among others and may be scheduled late; of a tick of 20 ms [s]

@@ -20,15 +20,15 @@ from robolamp.dynamixel.registers import (
     Model,
     Name,
 )
+from robolamp.dynamixel.servo_state import ServoState
 from robolamp.dynamixel.servos import Servos
-from robolamp.dynamixel.state import ServoState
 from robolamp.errors import BusError, FileError, RobolampError, SafetyError
 from robolamp.files import read_text
 from robolamp.foot.sensor import FootSensor
 from robolamp.lamp import Joint, Lamp
-from robolamp.robot.frame import JointFrame
-from robolamp.robot.roll import PATIENCE, Roll, call_roll
-from robolamp.robot.settings import RULES, Setting, named, wrong_settings
+from robolamp.robot.joint_frame import JointFrame
+from robolamp.robot.roll_call import PATIENCE, Roll, call_roll
+from robolamp.robot.servo_settings import RULES, Setting, named, wrong_settings
 from robolamp.robot.setup import edit_lamp, read_only, set_joint
 from robolamp.signals import Clock
 

@@ -20,8 +20,8 @@ from robolamp.errors import BusError, SafetyError
 from robolamp.files import MOST_TOML, parse_toml, read_text, write_atomic
 from robolamp.foot.sensor import FootSensor
 from robolamp.lamp import Lamp
-from robolamp.robot.frame import wrapped
-from robolamp.robot.roll import BABBLE, NOBODY, PATIENCE, RATES, check_alone, said_of_doubles
+from robolamp.robot.joint_frame import wrapped
+from robolamp.robot.roll_call import BABBLE, NOBODY, PATIENCE, RATES, check_alone, said_of_doubles
 from robolamp.signals import Clock
 
 PUSH = 0.1

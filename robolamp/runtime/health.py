@@ -58,7 +58,7 @@ GOALS_LOST = 5
 angle that is missing. A line that loses one packet in ten loses five goals in a row once in 100,000 ticks."""
 
 
-class Verdict(IntEnum):
+class Action(IntEnum):
     """What the guards say, the more urgent the larger."""
 
     GO = 0
@@ -123,7 +123,7 @@ class Guard:
         self._heating = RunningMean(len(lamp.joints), OVER_TIME)
         self._still = _Still(len(lamp.joints), lamp.contact_on)
 
-    def check(self, observation: Observation) -> Verdict:
+    def check(self, observation: Observation) -> Action:
         """Take note of an observation's faults (its own and those found here) and judge it.
 
         Args:
@@ -134,7 +134,7 @@ class Guard:
         """
         for text in observation.faults:
             self.faults[text] += 1
-        verdict, self.reason = Verdict.GO, ""
+        verdict, self.reason = Action.GO, ""
         for text, found in [*self._servos(observation), *([] if self._clamped else self._foot(observation))]:
             self.faults[text] += 1
             if found > verdict:
@@ -146,8 +146,8 @@ class Guard:
         self._low_since[:] = math.nan
         self._astray[:] = 0
 
-    def _servos(self, observation: Observation) -> list[tuple[str, Verdict]]:
-        found: list[tuple[str, Verdict]] = []
+    def _servos(self, observation: Observation) -> list[tuple[str, Action]]:
+        found: list[tuple[str, Action]] = []
         health = observation.health
         old = observation.angle_age > ANGLE_AGE
         duty = self._duty.add(np.abs(health.pwm), observation.time)
@@ -161,41 +161,41 @@ class Guard:
             self._astray = np.where(health.goal > 0, 0, self._astray + (health.goal == 0))
         late = bool(old.all() and np.isfinite(observation.angle).any())  # it answered; whoever asked stood still
         if late:
-            found.append((f"a reading took more than {ANGLE_AGE:g} s: this computer stood still", Verdict.CUT))
+            found.append((f"a reading took more than {ANGLE_AGE:g} s: this computer stood still", Action.CUT))
         elif old.all():
-            found.append((f"no servo has answered for {ANGLE_AGE:g} s", Verdict.CUT))
+            found.append((f"no servo has answered for {ANGLE_AGE:g} s", Action.CUT))
         for index, name in enumerate(self._names):
             error = int(health.hardware_error[index])
             if error > 0:
-                found.append((f"{name}: hardware error ({self._traits.error_words(error)})", Verdict.LAND))
+                found.append((f"{name}: hardware error ({self._traits.error_words(error)})", Action.LAND))
             if health.torque[index] == 0 and self._powered:
-                found.append((f"{name}: torque went off", Verdict.LAND))
+                found.append((f"{name}: torque went off", Action.LAND))
             if old[index] and not late:
-                found.append((f"{name}: no answer for {ANGLE_AGE:g} s", Verdict.LAND))
+                found.append((f"{name}: no answer for {ANGLE_AGE:g} s", Action.LAND))
             if health.temperature[index] > TEMPERATURE:
-                found.append((f"{name}: above {TEMPERATURE:g} degC", Verdict.LAND))
+                found.append((f"{name}: above {TEMPERATURE:g} degC", Action.LAND))
             elif health.temperature[index] > WARM:
-                found.append((f"{name}: above {WARM:g} degC", Verdict.GO))
+                found.append((f"{name}: above {WARM:g} degC", Action.GO))
             if duty[index] > DUTY:
-                found.append((f"{name}: stalled, duty above {DUTY:.0%} over {OVER_TIME:g} s", Verdict.LAND))
+                found.append((f"{name}: stalled, duty above {DUTY:.0%} over {OVER_TIME:g} s", Action.LAND))
             if current[index] > CURRENT:
-                found.append((f"{name}: current above {CURRENT:g} A over {OVER_TIME:g} s", Verdict.LAND))
+                found.append((f"{name}: current above {CURRENT:g} A over {OVER_TIME:g} s", Action.LAND))
             if low[index]:
                 lasting = observation.time - self._low_since[index] >= VOLTAGE_TIME
                 text = f"{name}: supply below {lowest[index]:.1f} V"
-                found.append((text, Verdict.LAND if lasting else Verdict.GO))
+                found.append((text, Action.LAND if lasting else Action.GO))
             if self._astray[index] >= GOALS_LOST:
-                found.append((f"{name}: {GOALS_LOST} goals in a row did not arrive", Verdict.LAND))
+                found.append((f"{name}: {GOALS_LOST} goals in a row did not arrive", Action.LAND))
         return found
 
-    def _foot(self, observation: Observation) -> list[tuple[str, Verdict]]:
+    def _foot(self, observation: Observation) -> list[tuple[str, Action]]:
         stuck = self._still.stuck(observation)
         if observation.foot_age > FOOT_AGE_STOP:
-            return [(f"foot: no force for {FOOT_AGE_STOP:g} s", Verdict.LAND)]
+            return [(f"foot: no force for {FOOT_AGE_STOP:g} s", Action.LAND)]
         if observation.foot_age > FOOT_AGE:
-            return [(f"foot: no force for {FOOT_AGE:g} s", Verdict.GO)]
+            return [(f"foot: no force for {FOOT_AGE:g} s", Action.GO)]
         if stuck:
-            return [("foot: stuck, the force stays the same while the lamp moves", Verdict.LAND)]
+            return [("foot: stuck, the force stays the same while the lamp moves", Action.LAND)]
         return []
 
 

@@ -13,7 +13,7 @@ from robolamp.controller.pilot import PilotStep
 from robolamp.errors import BusError, RobolampError
 from robolamp.lamp import Lamp
 from robolamp.runtime.clock import PERIOD, Schedule, Sleep, check_period
-from robolamp.runtime.health import Guard, Verdict
+from robolamp.runtime.health import Action, Guard
 from robolamp.runtime.result import Reporter, RunResult
 from robolamp.runtime.stop import StopRequest
 from robolamp.runtime.torque import first_goal, present_pose, smooth, still_held
@@ -386,12 +386,12 @@ class _Loop:
         read_done = self._clock.now()
         verdict = self._guard.check(observation)
         self._reporter.announce(self._guard.faults)
-        if verdict == Verdict.CUT:
+        if verdict == Action.CUT:
             self._resume(self._guard.reason, self._goal)
             return self._next()
         if self._stop.requests > 1:
             raise _Cut("second request to stop")
-        if not self._ended and verdict == Verdict.LAND:
+        if not self._ended and verdict == Action.LAND:
             self._finish("guard", self._guard.reason)
         elif not self._ended and not self._landing and self._stop.requests:
             self._finish("stopped", _REQUEST)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Protocol
 
 from robolamp.lamp import Lamp
-from robolamp.log.context import settings_context
+from robolamp.log.run_context import settings_context
 from robolamp.log.schemas import ANSWER_WIRE
 from robolamp.log.writer import LogWriter
 from robolamp.runtime.loop import TORQUE_ON, Pilot, run
@@ -64,7 +64,7 @@ class RunLog:
 
     Attributes:
         path: The file.
-        context: What it says of the run (see `robolamp.log.context`).
+        context: What it says of the run (see `robolamp.log.run_context`).
         epoch: Nanoseconds since the epoch at a virtual clock's 0; None: the run is in real time.
     """
 

@@ -16,12 +16,12 @@ from robolamp.controller.kernels import command_lanes
 from robolamp.controller.program import Program, ProgramSet
 from robolamp.errors import RobolampError
 from robolamp.figure import Driven
-from robolamp.twin.arena import FigureRuns
-from robolamp.twin.figure import FigureTwin, Twin
-from robolamp.twin.lamps import LampRuns
+from robolamp.twin.figure_lanes import FigureRuns
+from robolamp.twin.figure_model import FigureTwin, Twin
+from robolamp.twin.key_poses import KeyPose
+from robolamp.twin.lamp_lanes import LampRuns
 from robolamp.twin.lanes import Variants, deal
-from robolamp.twin.outcome import RunOutcome
-from robolamp.twin.poses import KeyPose
+from robolamp.twin.run_outcome import RunOutcome
 from robolamp.twin.runs import Job, Runs, RunSettings
 from robolamp.twin.trace import Trace
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.controller.hops import shortest_flight
+from robolamp.controller.hop_counter import shortest_flight
 from robolamp.jit import njit
-from robolamp.twin.model import TwinModel
-from robolamp.twin.outcome import RunOutcome
+from robolamp.twin.lamp_model import TwinModel
+from robolamp.twin.run_outcome import RunOutcome
 
 HOP_CLEARANCE = 0.002
 """Height that every point of the foot must reach in a hop [m]."""

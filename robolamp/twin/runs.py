@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from robolamp.twin.key_poses import KeyPose
 from robolamp.twin.lanes import Lanes
-from robolamp.twin.outcome import RunOutcome
-from robolamp.twin.poses import KeyPose
+from robolamp.twin.run_outcome import RunOutcome
 
 Array = NDArray[np.float64]
 

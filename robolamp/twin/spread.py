@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from robolamp.assets import Assets
 from robolamp.files import Table, read_toml
-from robolamp.twin.model import Bend
+from robolamp.twin.lamp_model import Bend
 
 CUT = 3.0
 """No draw is further out than this many standard deviations."""

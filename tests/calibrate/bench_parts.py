@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.assets import Assets
-from robolamp.calibrate.bench import Bench
-from robolamp.calibrate.pendulum import parameter_set
-from robolamp.calibrate.recordings import Recording
+from robolamp.calibrate.servo.fast_pendulum import parameter_set
+from robolamp.calibrate.servo.mujoco_bench import Bench
+from robolamp.calibrate.servo.recordings import Recording
 from robolamp.calibration import load_calibration
 
 Array = NDArray[np.float64]

@@ -9,9 +9,9 @@ from pathlib import Path
 from robolamp.assets import Assets
 from robolamp.calibrate.manifest import Manifest
 from robolamp.calibrate.procedure import Step, procedure
-from robolamp.calibrate.record import Connect, Person, Session, record
+from robolamp.calibrate.recorder import Connect, Person, Session, record
 from robolamp.calibration import load_calibration
-from robolamp.cli.calibrate_record import emulated
+from robolamp.cli.calibrate.record import emulated
 from robolamp.cli.options import Setup
 from robolamp.lamp import load_lamp
 from robolamp.runtime.stop import StopRequest

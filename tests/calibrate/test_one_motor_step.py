@@ -13,20 +13,20 @@ import pytest
 from mujoco.batch import Batch
 
 from robolamp.assets import Assets
-from robolamp.calibrate.bench import Bench
-from robolamp.calibrate.pendulum import Pendulum as WrittenOut
-from robolamp.calibrate.pendulum import parameter_set
-from robolamp.calibrate.recordings import Recording
+from robolamp.calibrate.servo.fast_pendulum import Pendulum as WrittenOut
+from robolamp.calibrate.servo.fast_pendulum import parameter_set
+from robolamp.calibrate.servo.mujoco_bench import Bench
+from robolamp.calibrate.servo.recordings import Recording
 from robolamp.calibration import SERVO, Parameter, load_calibration
-from robolamp.emulator.bend import Bent
-from robolamp.emulator.drive import Drive
-from robolamp.emulator.pendulum import Pendulum
-from robolamp.emulator.plant import Plant
+from robolamp.emulator.plant.pendulum import Pendulum
+from robolamp.emulator.plant.plant import Plant
+from robolamp.emulator.reality.mechanics import Bent
+from robolamp.emulator.servo.drive import Drive
 from robolamp.lamp import load_lamp
-from robolamp.twin.body import Body
-from robolamp.twin.model import build
+from robolamp.twin.lamp_body import Body
+from robolamp.twin.lamp_model import build
 from robolamp.twin.motors import Motors, Views
-from robolamp.twin.pendulum import Load, build_pendulum
+from robolamp.twin.pendulum_model import Load, build_pendulum
 from robolamp.twin.servo import ServoParameters
 from tests.calibrate.bench_parts import MODEL, NOMINAL
 

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from robolamp.calibrate.bench import Bench
-from robolamp.calibrate.ladder import LADDER, switched_off
-from robolamp.calibrate.pendulum import Pendulum, parameter_set
+from robolamp.calibrate.servo.fast_pendulum import Pendulum, parameter_set
+from robolamp.calibrate.servo.ladder import LADDER, switched_off
+from robolamp.calibrate.servo.mujoco_bench import Bench
 from robolamp.errors import FileError
-from robolamp.twin.pendulum import POINT, Load
+from robolamp.twin.pendulum_model import POINT, Load
 from tests.calibrate.bench_parts import COUNT, NOMINAL, TRUTH, chirp, drop, record, steps
 
 EVERYTHING = {

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from robolamp.calibrate.lamp.session import read_session
 from robolamp.calibrate.manifest import NAME, load_manifest
 from robolamp.calibrate.procedure import Step, procedure
-from robolamp.calibrate.record import Person, StepConnection
-from robolamp.calibrate.recordings import read_recordings
-from robolamp.calibrate.session import read_session
-from robolamp.calibrate.soundness import faults
-from robolamp.cli.calibrate_record import emulated
+from robolamp.calibrate.recorder import Person, StepConnection
+from robolamp.calibrate.servo.recordings import read_recordings
+from robolamp.calibrate.servo.soundness import faults
+from robolamp.cli.calibrate.record import emulated
 from robolamp.errors import FileError, SafetyError
 from robolamp.log.reader import read_run
 from robolamp.runtime.stop import StopRequest

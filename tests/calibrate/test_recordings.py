@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robolamp.calibrate.recordings import Recording, read_recording, read_recordings
-from robolamp.calibrate.soundness import faults, require_sound
+from robolamp.calibrate.servo.recordings import Recording, read_recording, read_recordings
+from robolamp.calibrate.servo.soundness import faults, require_sound
 from robolamp.errors import FileError, RobolampError
 from tests.calibrate.bench_parts import MODEL, TRUTH, drop, record, steps, write_bam, write_csv
 

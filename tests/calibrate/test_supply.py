@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robolamp.calibrate.session import LampRecording, read_session
-from robolamp.calibrate.supply import measure_supply
+from robolamp.calibrate.lamp.session import LampRecording, read_session
+from robolamp.calibrate.lamp.supply import measure_supply
 from tests.calibrate.sessions import LAMP, NOMINAL, recorded, short, steps
 
 OHM, VOLTS = 0.15, -0.1

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robolamp.calibrate.fit import advice, fit_servo
-from robolamp.calibrate.identify import Problem
+from robolamp.calibrate.lamp.session import read_session
 from robolamp.calibrate.manifest import load_manifest
-from robolamp.calibrate.pendulum import Pendulum, parameter_set
-from robolamp.calibrate.recordings import Recording, read_recordings
-from robolamp.calibrate.servo_bench import load_bench
-from robolamp.calibrate.session import read_session
-from robolamp.calibrate.soundness import faults
+from robolamp.calibrate.servo.fast_pendulum import Pendulum, parameter_set
+from robolamp.calibrate.servo.fit import advice, fit_servo
+from robolamp.calibrate.servo.pendulum_fit import Problem
+from robolamp.calibrate.servo.procedure import load_bench
+from robolamp.calibrate.servo.recordings import Recording, read_recordings
+from robolamp.calibrate.servo.soundness import faults
 from robolamp.errors import FileError
 from robolamp.log.writer import LogWriter
 from tests.calibrate.sessions import ASSETS, LAMP

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from robolamp.assets import Assets
-from robolamp.calibrate.ladder import Chart, switched_off
 from robolamp.calibrate.procedure import Step
-from robolamp.calibrate.record import Session, record
-from robolamp.calibrate.recordings import Recording, read_recordings
-from robolamp.calibrate.servo_bench import bench_lamp, bench_procedure
+from robolamp.calibrate.recorder import Session, record
+from robolamp.calibrate.servo.ladder import Chart, switched_off
+from robolamp.calibrate.servo.procedure import bench_lamp, bench_procedure
+from robolamp.calibrate.servo.recordings import Recording, read_recordings
 from robolamp.calibration import load_calibration
-from robolamp.cli.calibrate_record import emulated_servo
+from robolamp.cli.calibrate.record import emulated_servo
 from robolamp.cli.options import Setup
-from robolamp.emulator.servos_file import BareServo, PendulumLoad
+from robolamp.emulator.bare_servos_file import BareServo, PendulumLoad
 from robolamp.lamp import load_lamp
 from robolamp.runtime.stop import StopRequest
 

@@ -38,10 +38,10 @@ def run(words: list[str]) -> dict[str, object]:
 
 
 if __name__ == "__main__":
-    import robolamp.calibrate.fit
-    import robolamp.compare.run
-    import robolamp.emulator.lamp
-    import robolamp.evolve.run  # noqa: F401 (what the verbs load, before memory is measured)
+    import robolamp.calibrate.servo.fit
+    import robolamp.compare.compare_logs
+    import robolamp.emulator.emulated_lamp
+    import robolamp.evolve.evolution  # noqa: F401 (what the verbs load, before memory is measured)
 
     signal.signal(signal.SIGALRM, _stop)
     with open("/proc/self/statm", encoding="ascii") as statm:  # noqa: PTH123

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from sleeper import eventually
 
-from robolamp.cli.witness import Busy, Silence, Watch, judged
+from robolamp.cli.run.witness import Busy, Silence, Watch, judged
 from robolamp.lateness import Lateness
 
 COMMAND = [sys.executable, "-m", "robolamp", "dry-run", "hop", "--goal", "0.1", "--duration", "2", "--reality", "none"]

@@ -9,8 +9,8 @@ import pytest
 from cyclopts import App
 from rich.console import Console
 
-from robolamp.cli.help import joined
 from robolamp.cli.main import app
+from robolamp.cli.screen.help import joined
 
 
 def verbs(of: App = app, chain: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:

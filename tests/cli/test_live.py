@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from robolamp.assets import Assets
-from robolamp.cli.live import LiveView
+from robolamp.cli.screen.live_view import LiveView
 from robolamp.lamp import load_lamp
 from robolamp.signals import Health, Observation, Tick
 

@@ -13,7 +13,7 @@ from robolamp.cli.main import main
 from robolamp.errors import FileError
 from robolamp.evolve.task import load_task
 from robolamp.lamp import load_lamp
-from robolamp.twin.model import build
+from robolamp.twin.lamp_model import build
 
 
 def run(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str]:

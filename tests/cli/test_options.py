@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robolamp.cli.options import goal_range, length
-from robolamp.cli.output import jsonable
+from robolamp.cli.screen.output import jsonable
 from robolamp.errors import RobolampError
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from robolamp.cli.drive import Drive
 from robolamp.cli.options import Setup
-from robolamp.cli.outcome import concluded, reported, tell, tell_of_none, tidying
+from robolamp.cli.run.drive import Drive
+from robolamp.cli.run.outcome import concluded, reported, tell, tell_of_none, tidying
 from robolamp.errors import BusError
 from robolamp.runtime.result import RunResult
 

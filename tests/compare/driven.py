@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from robolamp.cli.drive import Drive, drive
-from robolamp.cli.lockstep import LockstepLamp
 from robolamp.cli.options import Setup
-from robolamp.emulator.faults import Event, Faults
-from robolamp.emulator.reality import load_reality
+from robolamp.cli.run.drive import Drive, drive
+from robolamp.cli.run.lockstep import LockstepLamp
+from robolamp.emulator.faults.script import Event, Faults
+from robolamp.emulator.reality.file import load_reality
 from robolamp.runtime.stop import StopRequest
 from robolamp.signals import Clock
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from robolamp.controller.file import load_controller
+from robolamp.controller.controller_file import load_controller
 from robolamp.controller.pilot import Pilot
-from robolamp.emulator.faults import Event, Faults
-from robolamp.emulator.lamp import EmulatedLamp
-from robolamp.emulator.lockstep import Lockstep
-from robolamp.emulator.reality import Reality
-from robolamp.emulator.truth import TruthLog
-from robolamp.log.context import run_context, settings_context
+from robolamp.emulator.emulated_lamp import EmulatedLamp
+from robolamp.emulator.faults.script import Event, Faults
+from robolamp.emulator.ports.lockstep import Lockstep
+from robolamp.emulator.reality.file import Reality
+from robolamp.emulator.truth_log import TruthLog
+from robolamp.log.run_context import run_context, settings_context
 from robolamp.log.schemas import ANSWER_WIRE
 from robolamp.log.writer import LogWriter
-from robolamp.robot.lamp import RobotLamp
+from robolamp.robot.robot_lamp import RobotLamp
 from robolamp.runtime.loop import TORQUE_ON, run
 
 from .lamps import ASSETS, CALIBRATION, LAMP

@@ -10,12 +10,12 @@ import numpy as np
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.lamp import load_lamp
-from robolamp.log.context import run_context
+from robolamp.log.run_context import run_context
 from robolamp.log.schemas import JOINT_STATE, TRUTH, TRUTH_BASE_TOPIC, TRUTH_JOINTS_TOPIC, joint_state
 from robolamp.log.writer import LogWriter
 from robolamp.signals import Command, Tick
-from robolamp.twin.lamp import TwinLamp
-from robolamp.twin.model import Bend, build
+from robolamp.twin.lamp_model import Bend, build
+from robolamp.twin.twin_lamp import TwinLamp
 
 ASSETS = Assets()
 LAMP = load_lamp(ASSETS)

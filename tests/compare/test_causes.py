@@ -11,20 +11,20 @@ import pytest
 
 from robolamp.cli.main import main
 from robolamp.compare.align import Trace, compare_joint
-from robolamp.compare.diagnosis import diagnose
-from robolamp.compare.evidence import DRIVEN, Evidence
-from robolamp.compare.explain import Account, explain, together
-from robolamp.compare.flights import flights
-from robolamp.compare.hopcount import count_hops
-from robolamp.compare.knobs import KINDS, Knob, knobs
+from robolamp.compare.causes.evidence import DRIVEN, Evidence
+from robolamp.compare.causes.knobs import KINDS, Knob, knobs
+from robolamp.compare.causes.ranking import Account, explain, together
+from robolamp.compare.causes.words import diagnose
+from robolamp.compare.hop_count import count_hops
+from robolamp.compare.sensed_flights import flights
 from robolamp.dynamixel.registers import Name
-from robolamp.emulator.faults import Event
-from robolamp.emulator.lamp import EmulatedLamp
-from robolamp.emulator.reality import Reality, load_reality
-from robolamp.log.context import SERVO_SETTINGS, servo_settings
+from robolamp.emulator.emulated_lamp import EmulatedLamp
+from robolamp.emulator.faults.script import Event
+from robolamp.emulator.reality.file import Reality, load_reality
 from robolamp.log.reader import Run, read_run, read_truth
+from robolamp.log.run_context import SERVO_SETTINGS, servo_settings
 from robolamp.runtime.loop import TORQUE_ON
-from robolamp.twin.model import Bend
+from robolamp.twin.lamp_model import Bend
 
 from .emulated import hop
 from .lamps import ASSETS, CALIBRATION, LAMP, write_run

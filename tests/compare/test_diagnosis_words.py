@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from robolamp.compare.diagnosis import noises
+from robolamp.compare.causes.words import noises
 
 
 @pytest.mark.parametrize(

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robolamp.cli.main import main
-from robolamp.compare.control import replay_controller
-from robolamp.compare.evidence import Evidence
-from robolamp.compare.explain import explain
-from robolamp.compare.folder import _travel, compare_folder
-from robolamp.emulator.reality import Reality
+from robolamp.compare.causes.evidence import Evidence
+from robolamp.compare.causes.ranking import explain
+from robolamp.compare.controller_replay import replay_controller
+from robolamp.compare.folder.runs import _travel, compare_folder
+from robolamp.emulator.reality.file import Reality
 from robolamp.errors import FileError
 from robolamp.log.reader import read_run
 

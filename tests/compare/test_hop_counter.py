@@ -12,15 +12,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robolamp.calibrate.floor import flights as flights_by_contact
-from robolamp.compare.flights import UNSEEN, flights
-from robolamp.compare.side import Side
-from robolamp.controller.hops import SignalLimits, shortest_flight
+from robolamp.calibrate.lamp.floor_fit import flights as flights_by_contact
+from robolamp.compare.sensed_flights import UNSEEN, flights
+from robolamp.compare.trajectory import Side
+from robolamp.controller.hop_counter import SignalLimits, shortest_flight
 from robolamp.controller.terminals import Signals
 from robolamp.log.reader import Run, Truth
-from robolamp.twin.flown import Flown, flown
 from robolamp.twin.judge import Judge
-from robolamp.twin.model import build
+from robolamp.twin.lamp_model import build
+from robolamp.twin.true_flights import Flown, flown
 
 from .lamps import ASSETS, CALIBRATION, LAMP
 

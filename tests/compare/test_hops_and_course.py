@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from robolamp.compare.align import Trace, find_drift
-from robolamp.compare.course import BANDS, spectrum
-from robolamp.compare.explain import roughness
-from robolamp.compare.flights import flights, hops
-from robolamp.compare.side import Side
+from robolamp.compare.causes.ranking import roughness
+from robolamp.compare.divergence import BANDS, spectrum
+from robolamp.compare.sensed_flights import flights, hops
+from robolamp.compare.trajectory import Side
 
 from .lamps import LAMP
 from .test_align import motion

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from robolamp.compare.run import compare_log
+from robolamp.compare.compare_logs import compare_log
 
 from .lamps import ASSETS, CALIBRATION, write_run
 

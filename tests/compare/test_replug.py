@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from robolamp.cli.main import main
-from robolamp.compare.control import replay_controller
+from robolamp.compare.controller_replay import replay_controller
 from robolamp.compare.pauses import on_clock_of, pauses, silent
-from robolamp.emulator.faults import Event
-from robolamp.emulator.reality import Reality
+from robolamp.emulator.faults.script import Event
+from robolamp.emulator.reality.file import Reality
 from robolamp.log.reader import read_run
 from robolamp.log.summary import summarise
 

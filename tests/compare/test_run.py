@@ -9,15 +9,15 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from robolamp.cli.output import jsonable
-from robolamp.compare.run import compare_log
+from robolamp.cli.screen.output import jsonable
+from robolamp.compare.compare_logs import compare_log
 from robolamp.compare.tolerances import load_tolerances
 from robolamp.errors import FileError, SafetyError
 from robolamp.log.reader import read_run
 from robolamp.log.writer import LogWriter
 from robolamp.signals import Health, Observation, Tick
-from robolamp.twin import render
-from robolamp.twin.model import Bend
+from robolamp.twin.lamp_model import Bend
+from robolamp.twin.pictures import render
 
 from .lamps import ASSETS, CALIBRATION, LAMP, PERIOD, RUN, SEND, write_run
 

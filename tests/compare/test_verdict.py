@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 
 from robolamp.cli.main import main
-from robolamp.compare.alone import Alone, alone_of
-from robolamp.compare.ending import ending_of
-from robolamp.compare.flights import Flight, Hop, flights, hops
+from robolamp.compare.compare_logs import compare_joints
+from robolamp.compare.controller_alone import Alone, alone_of
+from robolamp.compare.goal_replay import replay
 from robolamp.compare.landing import Landing, landing_of
-from robolamp.compare.motion import truth_of
-from robolamp.compare.replay import replay
-from robolamp.compare.run import compare_joints
-from robolamp.compare.side import of_replay, of_run
-from robolamp.compare.task import task_of
+from robolamp.compare.logged_motion import truth_of
+from robolamp.compare.run_ending import ending_of
+from robolamp.compare.sensed_flights import Flight, Hop, flights, hops
+from robolamp.compare.task_verdict import task_of
 from robolamp.compare.tolerances import load_tolerances
-from robolamp.compare.verdict import verdict_of
-from robolamp.emulator.faults import Event
+from robolamp.compare.trajectory import of_replay, of_run
+from robolamp.compare.twin_verdict import verdict_of
+from robolamp.emulator.faults.script import Event
 from robolamp.errors import FileError
 from robolamp.log.reader import Run, Truth, read_run, read_truth
 from robolamp.signals import ASKED_AGAIN

@@ -11,14 +11,14 @@ from contextlib import AbstractContextManager
 
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
-from robolamp.emulator.lamp import EmulatedLamp
-from robolamp.emulator.lockstep import Lockstep
-from robolamp.emulator.reality import load_reality
+from robolamp.emulator.emulated_lamp import EmulatedLamp
+from robolamp.emulator.ports.lockstep import Lockstep
+from robolamp.emulator.reality.file import load_reality
 from robolamp.lamp import load_lamp
-from robolamp.robot.lamp import RobotLamp
+from robolamp.robot.robot_lamp import RobotLamp
 from robolamp.signals import LampBackend
-from robolamp.twin.lamp import TwinLamp
-from robolamp.twin.model import build
+from robolamp.twin.lamp_model import build
+from robolamp.twin.twin_lamp import TwinLamp
 
 LAMP = load_lamp(Assets())
 PATIENCE, OPENING = 0.02, 1.0  # s: in the loop, and before it, where a busy test machine may take its time

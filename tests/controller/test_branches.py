@@ -8,9 +8,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robolamp.controller.branches import Branch, count_branches
+from robolamp.controller.branch_counts import Branch, count_branches
 from robolamp.controller.expression import Expression, parse, subtree_end
-from robolamp.controller.layout import lay_out
+from robolamp.controller.expression_layout import lay_out
 
 from .parts import ARITY, TERMINALS, evaluate, expressions, signal
 

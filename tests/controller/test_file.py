@@ -7,8 +7,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from robolamp.controller.controller_file import Controller, load_controller, save_controller, slug
 from robolamp.controller.expression import Expression, parse
-from robolamp.controller.file import Controller, load_controller, save_controller, slug
 from robolamp.errors import ExpressionError, FileError, RobolampError
 
 from .parts import LAMP, TERMINALS, expressions

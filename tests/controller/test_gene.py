@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robolamp.controller.controller_file import Controller, format_controller, load_controller
 from robolamp.controller.expression import Expression, parse
-from robolamp.controller.file import Controller, format_controller, load_controller
 from robolamp.controller.gene import Gene, expressed, parse_gene, tail_length
 from robolamp.errors import ExpressionError, FileError
 

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from robolamp.controller.controller_file import Controller
 from robolamp.controller.expression import parse
-from robolamp.controller.file import Controller
 from robolamp.controller.pilot import Pilot
 from robolamp.errors import ExpressionError
 from robolamp.signals import Health, Observation

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robolamp.controller.hops import SignalLimits
+from robolamp.controller.hop_counter import SignalLimits
 from robolamp.controller.terminals import TWIN_ONLY, Signals, all_terminals, on_board_terminals
 
 PERIOD = 0.02

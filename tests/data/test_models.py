@@ -12,8 +12,8 @@ import pytest
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.lamp import Lamp, load_lamp
-from robolamp.twin.body import Body
-from robolamp.twin.model import TwinModel, build
+from robolamp.twin.lamp_body import Body
+from robolamp.twin.lamp_model import TwinModel, build
 
 from .readme import ROOT, table
 
@@ -145,7 +145,7 @@ def test_contact_shapes_are_the_model(bare: mujoco.MjModel) -> None:
 
 
 def test_joint_table_is_model_and_lamp(bare: mujoco.MjModel, lamp: Lamp) -> None:
-    rows = table(README, "joint", "range [rad]", "goals [rad]")
+    rows = table(README, "joint", "range [rad]", "goal angles [rad]")
     assert [row[0] for row in rows] == list(lamp.names)
     for joint, (name, stops, goals, _) in zip(lamp.joints, rows, strict=True):
         low, high = (float(value) for value in stops.split())

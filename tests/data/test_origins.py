@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from robolamp.controller.file import BY_HAND, ORIGINS
+from robolamp.controller.controller_file import BY_HAND, ORIGINS
 
 from .readme import ROOT
 

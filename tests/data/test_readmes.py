@@ -14,7 +14,7 @@ import pytest
 from robolamp.assets import Assets
 from robolamp.calibration import JOINT, LAMP, SERVO, Range, load_calibration
 from robolamp.compare.tolerances import load_tolerances
-from robolamp.controller.file import load_controller
+from robolamp.controller.controller_file import load_controller
 from robolamp.controller.primitives import PRIMITIVES
 from robolamp.controller.program import compile_program
 from robolamp.controller.terminals import OPTIONAL, TWIN_ONLY, all_terminals, on_board_terminals
@@ -23,7 +23,7 @@ from robolamp.errors import ExpressionError
 from robolamp.evolve.fitness import terms
 from robolamp.evolve.task import Cases, Settings, Task, load_task
 from robolamp.lamp import load_lamp
-from robolamp.twin.figure import World
+from robolamp.twin.figure_model import World
 from robolamp.twin.spread import load_spread
 
 from .readme import ROOT, table, text

@@ -6,7 +6,7 @@ from collections import Counter
 from pathlib import Path
 
 from robolamp.dynamixel.registers import MODELS
-from robolamp.robot.settings import INDIRECT, RULES, Rule, Seen
+from robolamp.robot.servo_settings import INDIRECT, RULES, Rule, Seen
 
 PAGE = Path(__file__).parents[2] / "docs" / "registers.md"
 X330 = "XL330 only"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from robolamp.evolve.study import STUDIES, TASK, chosen_points
+from robolamp.evolve.study.plan import STUDIES, TASK, chosen_points
 
 from .readme import ROOT
 

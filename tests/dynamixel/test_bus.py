@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from sleeper import Sleeper
 
 from robolamp.dynamixel.bus import ATTEMPTS, Bus, Identity
-from robolamp.dynamixel.fast import FastReply
+from robolamp.dynamixel.fast_sync_read import FastReply
 from robolamp.dynamixel.registers import MODELS, Name
 from robolamp.errors import BusError
 

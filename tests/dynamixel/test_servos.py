@@ -13,7 +13,7 @@ from sleeper import Sleeper
 from robolamp.dynamixel.bus import ATTEMPTS, Bus
 from robolamp.dynamixel.registers import MODELS, RAD_PER_COUNT, VELOCITY_UNIT, IndirectBlock, Name
 from robolamp.dynamixel.servos import TORQUE_OFF_ATTEMPTS, Servos
-from robolamp.dynamixel.wire import CONDITION, STATE, Transport, wire_time
+from robolamp.dynamixel.wire_time import CONDITION, STATE, Transport, wire_time
 from robolamp.errors import BusError, SafetyError
 
 from .responder import Responder

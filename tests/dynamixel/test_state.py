@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robolamp.dynamixel.block import places_in_block
+from robolamp.dynamixel.health_block import places_in_block
 from robolamp.dynamixel.registers import MODELS
-from robolamp.dynamixel.state import COLUMNS, UNKNOWN, Answer, Layout, Scales
+from robolamp.dynamixel.servo_state import COLUMNS, UNKNOWN, Answer, Layout, Scales
 
 
 def answer(error: int = 0, **counts: int) -> Answer:

@@ -6,9 +6,9 @@ import math
 from pathlib import Path
 
 from robolamp.dynamixel.registers import MODELS, Name
-from robolamp.emulator.line import Line
-from robolamp.emulator.motor import Motor
-from robolamp.emulator.servo import Sensed, Servo
+from robolamp.emulator.line.line import Line
+from robolamp.emulator.servo.bare_motor import Motor
+from robolamp.emulator.servo.servo import Sensed, Servo
 
 from .parts import Status, read, write
 

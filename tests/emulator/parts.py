@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from dynamixel_sdk import COMM_RX_CORRUPT, COMM_RX_TIMEOUT, COMM_SUCCESS, PortHandler, Protocol2PacketHandler
 
 from robolamp.dynamixel.registers import MODELS, Name
-from robolamp.emulator.line import Line
-from robolamp.emulator.servo import Sensed, Servo
+from robolamp.emulator.line.line import Line
+from robolamp.emulator.servo.servo import Sensed, Servo
 
 HEADER = b"\xff\xff\xfd\x00"
 

@@ -8,7 +8,7 @@ import pytest
 from robolamp.dynamixel.registers import Name
 
 from .bench import MotorBench
-from .test_lamp import Client
+from .test_emulated_lamp import Client
 
 
 def ramp(**gains: int) -> tuple[float, float]:

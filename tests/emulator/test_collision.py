@@ -7,9 +7,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from robolamp.dynamixel.registers import MODELS, Name
-from robolamp.emulator.collision import collide
-from robolamp.emulator.line import Line
-from robolamp.emulator.servo import Sensed, Servo
+from robolamp.emulator.line.collision import collide
+from robolamp.emulator.line.line import Line
+from robolamp.emulator.servo.servo import Sensed, Servo
 
 from .parts import Status, instruction, read, u16
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from robolamp.assets import Assets
-from robolamp.emulator.draw import KINDS, random_knob, random_reality
-from robolamp.emulator.reality import NONE, Reality, load_reality
+from robolamp.emulator.reality.draw import KINDS, random_knob, random_reality
+from robolamp.emulator.reality.file import NONE, Reality, load_reality
 from robolamp.errors import FileError
 
-from .test_lamp import LAMP, Client
+from .test_emulated_lamp import LAMP, Client
 
 FIELDS = [field.name for field in dataclasses.fields(Reality) if field.name not in ("name", "seed")]
 

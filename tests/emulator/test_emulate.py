@@ -11,7 +11,7 @@ import pytest
 from dynamixel_sdk import COMM_SUCCESS
 from sleeper import bears, eventually
 
-from robolamp.emulator.servos_file import load_servos
+from robolamp.emulator.bare_servos_file import load_servos
 from robolamp.errors import FileError
 
 from .test_process import COMMAND, emulator, sdk

@@ -11,11 +11,11 @@ from contract.backends import LAMP
 
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
-from robolamp.emulator.faults import DAMAGES, Event, Faults, Rates, load_faults
-from robolamp.emulator.injector import Injector
-from robolamp.emulator.lamp import EmulatedLamp
-from robolamp.emulator.line import Line, Reply
-from robolamp.emulator.reality import Reality
+from robolamp.emulator.emulated_lamp import EmulatedLamp
+from robolamp.emulator.faults.injector import Injector
+from robolamp.emulator.faults.script import DAMAGES, Event, Faults, Rates, load_faults
+from robolamp.emulator.line.line import Line, Reply
+from robolamp.emulator.reality.file import Reality
 from robolamp.errors import FileError
 from robolamp.foot.protocol import Decoder, Frame
 

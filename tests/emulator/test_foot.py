@@ -3,7 +3,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robolamp.emulator.foot import FRAME_SIZE, FootSensor, crc16_ccitt, frame
+from robolamp.emulator.foot_sensor import FRAME_SIZE, FootSensor, crc16_ccitt, frame
 
 
 def bitwise_crc(data: bytes) -> int:

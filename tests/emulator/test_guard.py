@@ -7,8 +7,8 @@ import math
 import pytest
 
 from robolamp.dynamixel.registers import HardwareError, Name
-from robolamp.emulator.guard import OVERLOAD_TIME
-from robolamp.emulator.motor import DATASHEETS
+from robolamp.emulator.servo.bare_motor import DATASHEETS
+from robolamp.emulator.servo.shutdown import OVERLOAD_TIME
 
 from .bench import MotorBench
 from .parts import instruction, read, u16, write

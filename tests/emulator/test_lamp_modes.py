@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from .test_lamp import Client
+from .test_emulated_lamp import Client
 
 NECK = 3
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from robolamp.dynamixel.registers import Name
-from robolamp.emulator.line import Line
+from robolamp.emulator.line.line import Line
 
 from .parts import Bench, Status, instruction, read, u16, write
 

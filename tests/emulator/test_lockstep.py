@@ -11,13 +11,13 @@ from dynamixel_sdk import COMM_RX_TIMEOUT, COMM_SUCCESS, GroupSyncRead, GroupSyn
 
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
-from robolamp.controller.file import load_controller
+from robolamp.controller.controller_file import load_controller
 from robolamp.controller.pilot import Pilot
-from robolamp.emulator.faults import Event, Faults, Rates
-from robolamp.emulator.lamp import EmulatedLamp
-from robolamp.emulator.lockstep import Lockstep
-from robolamp.emulator.reality import Reality, load_reality
-from robolamp.robot.lamp import RobotLamp
+from robolamp.emulator.emulated_lamp import EmulatedLamp
+from robolamp.emulator.faults.script import Event, Faults, Rates
+from robolamp.emulator.ports.lockstep import Lockstep
+from robolamp.emulator.reality.file import Reality, load_reality
+from robolamp.robot.robot_lamp import RobotLamp
 from robolamp.runtime.loop import run
 from robolamp.runtime.result import RunResult
 from robolamp.signals import Tick

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from robolamp.dynamixel.registers import MODELS, Name
-from robolamp.emulator.motor import DATASHEETS
+from robolamp.emulator.servo.bare_motor import DATASHEETS
 
 from .bench import COUNT, VELOCITY, MotorBench
 from .parts import instruction

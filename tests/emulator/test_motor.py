@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robolamp.dynamixel.registers import MODELS
-from robolamp.emulator.motor import DATASHEETS, Motor
-from robolamp.emulator.regulator import duty_for_current
+from robolamp.emulator.servo.bare_motor import DATASHEETS, Motor
+from robolamp.emulator.servo.regulators import duty_for_current
 
 
 @pytest.mark.parametrize("model", MODELS)

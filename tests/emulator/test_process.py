@@ -28,7 +28,7 @@ from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 from sleeper import eventually, undisturbed
 
-from robolamp.emulator.foot import crc16_ccitt
+from robolamp.emulator.foot_sensor import crc16_ccitt
 
 from .parts import PatientHandler, Status, read
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robolamp.emulator.profile import Profile, Shape
+from robolamp.emulator.servo.profile import Profile, Shape
 
 DT = 0.001
 GOALS = st.floats(-6.0, 6.0)

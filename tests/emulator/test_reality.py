@@ -7,8 +7,8 @@ import pytest
 
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
-from robolamp.emulator.lamp import EmulatedLamp
-from robolamp.emulator.reality import FOLDER, Reality, load_reality
+from robolamp.emulator.emulated_lamp import EmulatedLamp
+from robolamp.emulator.reality.file import FOLDER, Reality, load_reality
 from robolamp.errors import FileError
 from robolamp.foot.protocol import Decoder
 from robolamp.lamp import load_lamp

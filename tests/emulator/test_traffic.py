@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robolamp.dynamixel.registers import MODELS
-from robolamp.emulator.traffic import Traffic
+from robolamp.emulator.line.traffic import Traffic
 
 from .parts import Bench, instruction, u16
 

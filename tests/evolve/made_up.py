@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from robolamp.controller.controller_file import Controller, save_controller
 from robolamp.controller.expression import parse
-from robolamp.controller.file import Controller, save_controller
-from robolamp.evolve.study import Order, Point
-from robolamp.evolve.study_runs import Scale, Shelf
+from robolamp.evolve.study.plan import Order, Point
+from robolamp.evolve.study.runs import Scale, Shelf
 
 from .parts import ASSETS, CALIBRATION, LAMP
 

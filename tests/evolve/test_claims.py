@@ -8,8 +8,8 @@ import statistics
 import numpy as np
 import pytest
 
-from robolamp.evolve import claims
-from robolamp.evolve.claims import AGREES, DISAGREES, UNKNOWN, Noise, Shares
+from robolamp.evolve.study import claims
+from robolamp.evolve.study.claims import AGREES, DISAGREES, UNKNOWN, Noise, Shares
 
 SPREAD = (-0.03, 0.0, 0.03)
 

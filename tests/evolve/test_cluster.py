@@ -23,15 +23,15 @@ from robolamp.controller.program import Program, compile_program
 from robolamp.controller.terminals import on_board_terminals
 from robolamp.errors import RobolampError
 from robolamp.evolve.cluster import Cluster
-from robolamp.evolve.machine import differences, machine
-from robolamp.evolve.run import evolve
+from robolamp.evolve.evolution import evolve
+from robolamp.evolve.platform import differences, machine
 from robolamp.evolve.task import load_task
 from robolamp.figure import load_figure
-from robolamp.twin.figure import build_figure
+from robolamp.twin.figure_model import build_figure
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.judge import Outcome
-from robolamp.twin.model import Bend, TwinModel, build
-from robolamp.twin.poses import KeyPose
+from robolamp.twin.key_poses import KeyPose
+from robolamp.twin.lamp_model import Bend, TwinModel, build
 
 from .parts import ASSETS, CALIBRATION, LAMP
 

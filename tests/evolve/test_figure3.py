@@ -9,7 +9,7 @@ from robolamp.controller.program import compile_program
 from robolamp.controller.simplify import simplify
 from robolamp.controller.terminals import all_terminals
 from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.model import build
+from robolamp.twin.lamp_model import build
 
 from .parts import ASSETS, CALIBRATION, LAMP
 

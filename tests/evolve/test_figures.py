@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robolamp.controller.file import load_controller
+from robolamp.controller.controller_file import load_controller
 from robolamp.errors import FileError, RobolampError
-from robolamp.evolve.cases import poisson_disk_plane
+from robolamp.evolve.evolution import evolve, resume
 from robolamp.evolve.fitness import HOPELESS, terms, weighted
-from robolamp.evolve.run import evolve, resume
+from robolamp.evolve.fitness_cases import poisson_disk_plane
 from robolamp.evolve.task import Task, load_task
 from robolamp.figure import Figure, load_figure
-from robolamp.twin.verdict import FigureOutcome
+from robolamp.twin.figure_judge import FigureOutcome
 
 from .parts import ASSETS, CALIBRATION, LAMP
 

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from robolamp.assets import Assets
+from robolamp.controller.controller_file import Controller, load_controller
 from robolamp.controller.expression import parse
-from robolamp.controller.file import Controller, load_controller
 from robolamp.controller.terminals import all_terminals, on_board_terminals
 from robolamp.errors import FileError, RobolampError
 from robolamp.evolve.breeding import represent
+from robolamp.evolve.evolution import evolve, resume
 from robolamp.evolve.progress import Generation, Result
-from robolamp.evolve.run import evolve, resume
 from robolamp.evolve.task import load_task
 
 from .parts import ASSETS, CALIBRATION, LAMP, walk

@@ -10,7 +10,7 @@ import pytest
 
 from robolamp.assets import Assets, shipped
 from robolamp.calibration import load_calibration
-from robolamp.controller.file import load_controller
+from robolamp.controller.controller_file import load_controller
 from robolamp.lamp import load_lamp
 
 CONTROLLERS = shipped() / "sim/lamp/controllers"

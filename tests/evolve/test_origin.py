@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 
 from robolamp.assets import Assets, shipped
+from robolamp.controller.controller_file import load_controller
 from robolamp.controller.expression import parse
-from robolamp.controller.file import load_controller
 from robolamp.controller.terminals import all_terminals
-from robolamp.evolve.origin import marks, origin_of
+from robolamp.evolve.controller_origin import marks, origin_of
 from robolamp.lamp import load_lamp
 
 LAMP = load_lamp(Assets())

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robolamp.controller.expression import parse
+from robolamp.evolve.evolution import evolve
 from robolamp.evolve.progress import Result
 from robolamp.evolve.race import Contest, Memory, Race, fitness, key
-from robolamp.evolve.run import evolve
 from robolamp.evolve.selection import winner
 from robolamp.evolve.task import Task
 from robolamp.evolve.tree import Genome

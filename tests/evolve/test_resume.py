@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from robolamp.errors import FileError
+from robolamp.evolve.evolution import evolve, open_run, resume
 from robolamp.evolve.progress import Generation
-from robolamp.evolve.run import evolve, open_run, resume
 from robolamp.files import write_atomic
 
 from .parts import ASSETS, CALIBRATION, LAMP, walk

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from robolamp.controller.controller_file import Controller, load_controller
 from robolamp.controller.expression import parse
-from robolamp.controller.file import Controller, load_controller
 from robolamp.controller.terminals import on_board_terminals
 from robolamp.errors import FileError, RobolampError
+from robolamp.evolve.evolution import evolve
 from robolamp.evolve.progress import Generation, Result
 from robolamp.evolve.race import fitness
-from robolamp.evolve.run import evolve
 from robolamp.evolve.task import Task
 from robolamp.evolve.tree import Genome, constants
 from robolamp.evolve.trial import Trials, draw_cases
 from robolamp.evolve.tune import tune
 from robolamp.twin.fleet import Fleet
-from robolamp.twin.model import Bend, build
+from robolamp.twin.lamp_model import Bend, build
 
 from .parts import ASSETS, CALIBRATION, LAMP, task
 

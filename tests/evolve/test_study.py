@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from robolamp.controller.controller_file import Controller
 from robolamp.controller.expression import parse
-from robolamp.controller.file import Controller
 from robolamp.errors import FileError, RobolampError
-from robolamp.evolve.study import STUDIES, TASK, Order, Point, chosen_points, orders, settled
-from robolamp.evolve.study_goals import BEYOND, WITHIN, Tried, try_goals
-from robolamp.evolve.study_report import Reporter
-from robolamp.evolve.study_runs import Scale, Shelf
+from robolamp.evolve.study.plan import STUDIES, TASK, Order, Point, chosen_points, orders, settled
+from robolamp.evolve.study.report import Reporter
+from robolamp.evolve.study.runs import Scale, Shelf
+from robolamp.evolve.study.unseen_goals import BEYOND, WITHIN, Tried, try_goals
 
 from . import made_up
 from .parts import ASSETS, CALIBRATION, LAMP

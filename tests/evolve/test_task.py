@@ -7,7 +7,7 @@ import pytest
 from robolamp.controller.terminals import all_terminals, on_board_terminals
 from robolamp.errors import FileError, RobolampError
 from robolamp.evolve.task import load_task
-from robolamp.twin.model import Pole
+from robolamp.twin.lamp_model import Pole
 
 from .parts import ASSETS, TINY, task
 

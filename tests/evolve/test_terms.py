@@ -8,7 +8,7 @@ import pytest
 
 from robolamp.errors import FileError, RobolampError
 from robolamp.evolve import fitness
-from robolamp.evolve.run import evolve
+from robolamp.evolve.evolution import evolve
 from robolamp.evolve.task import load_task
 
 from .parts import ASSETS, CALIBRATION, LAMP, TINY

@@ -50,14 +50,14 @@ def test_a_drawing_takes_the_colours_of_its_page() -> None:
 
 def test_no_other_place_has_a_colour_for_a_role() -> None:
     """Pages and plots name a role, not a colour; what is no role (the desk, the sky) may have its own."""
-    sheets = [PACKAGE / "compare" / "page" / "report.css", PACKAGE / "player" / "web" / "player.css"]
+    sheets = [PACKAGE / "compare" / "report" / "web" / "report.css", PACKAGE / "player" / "web" / "player.css"]
     for sheet in sheets:
         assert not re.search(rf"--({'|'.join(ROLES)}):", sheet.read_text()), sheet
-    scripts = [*(PACKAGE / "player" / "web").glob("*.js"), PACKAGE / "compare" / "page" / "report.js"]
+    scripts = [*(PACKAGE / "player" / "web").glob("*.js"), PACKAGE / "compare" / "report" / "web" / "report.js"]
     plots = [
-        PACKAGE / "compare" / "folder_report.py",
-        PACKAGE / "calibrate" / "plots.py",
-        PACKAGE / "compare" / "svg.py",
+        PACKAGE / "compare" / "folder" / "report.py",
+        PACKAGE / "calibrate" / "report" / "plots.py",
+        PACKAGE / "compare" / "report" / "svg_plots.py",
     ]
-    for source in (*scripts, *plots, PACKAGE / "evolve" / "study_plot.py"):
+    for source in (*scripts, *plots, PACKAGE / "evolve" / "study" / "plots.py"):
         assert not re.search(r"#[0-9a-fA-F]{6}\b", source.read_text()), source

@@ -11,11 +11,11 @@ import pytest
 import zstandard
 
 from robolamp.errors import FileError
-from robolamp.log import stream
+from robolamp.log import mcap_stream as stream
 from robolamp.log.cdr import LayoutError, decode, fields_of
+from robolamp.log.mcap_stream import read_contents
 from robolamp.log.reader import read_run
 from robolamp.log.recover import recover
-from robolamp.log.stream import read_contents
 from robolamp.log.writer import LogWriter
 
 from .ticks import JOINTS, make_tick

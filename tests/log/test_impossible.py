@@ -14,8 +14,8 @@ from robolamp.assets import Assets
 from robolamp.cli.main import main
 from robolamp.errors import FileError
 from robolamp.lamp import load_lamp, same_lamp
-from robolamp.log.context import SERVO_SETTINGS, servo_settings
 from robolamp.log.reader import read_run
+from robolamp.log.run_context import SERVO_SETTINGS, servo_settings
 from robolamp.log.writer import LogWriter
 
 from .rewritten import rewritten

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from robolamp.cli.main import main
-from robolamp.compare.side import of_run
+from robolamp.compare.trajectory import of_run
 from robolamp.errors import FileError
-from robolamp.log.context import run_context
 from robolamp.log.reader import Run, read_run, read_truth
+from robolamp.log.run_context import run_context
 from robolamp.log.schemas import JOINT_STATE, joint_state
 from robolamp.log.writer import LogWriter
 from tests.compare.lamps import CALIBRATION, LAMP, write_run

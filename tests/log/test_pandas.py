@@ -12,7 +12,7 @@ import pandas
 import pytest
 
 from robolamp.log.reader import Run, read_run
-from robolamp.log.table import columns_of
+from robolamp.log.run_table import columns_of
 from robolamp.log.writer import LogWriter
 
 from .ticks import JOINTS, make_tick

@@ -20,8 +20,8 @@ from robolamp.errors import FileError
 from robolamp.log import writer as writer_module
 from robolamp.log.reader import read_run
 from robolamp.log.recover import recover
+from robolamp.log.run_table import columns_of, export
 from robolamp.log.summary import summarise
-from robolamp.log.table import columns_of, export
 from robolamp.log.writer import LogWriter
 
 from .test_trouble import many_chunks

@@ -20,8 +20,8 @@ from mcap_ros2.writer import Writer
 
 from robolamp.errors import FileError
 from robolamp.log import writer as writer_module
+from robolamp.log.mcap_stream import read_contents
 from robolamp.log.reader import read_run, read_truth
-from robolamp.log.stream import read_contents
 from robolamp.log.writer import LogWriter
 
 from .ticks import JOINTS, make_tick

@@ -16,7 +16,7 @@ from sleeper import Sleeper, undisturbed
 from robolamp.controller.pilot import PilotStep
 from robolamp.errors import BusError, SafetyError
 from robolamp.lamp import Lamp
-from robolamp.robot.lamp import RobotLamp
+from robolamp.robot.robot_lamp import RobotLamp
 from robolamp.runtime.clock import MonotonicClock
 from robolamp.runtime.loop import run
 from robolamp.runtime.torque import RELEASE_TIME

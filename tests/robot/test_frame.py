@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from robolamp.assets import Assets
 from robolamp.lamp import load_lamp
-from robolamp.robot.frame import JointFrame, wrapped
+from robolamp.robot.joint_frame import JointFrame, wrapped
 
 LAMP = load_lamp(Assets())
 

@@ -9,13 +9,13 @@ from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.controller.pilot import PilotStep
 from robolamp.dynamixel.registers import Name
-from robolamp.emulator.faults import Event, Faults, Rates
-from robolamp.emulator.lamp import EmulatedLamp
-from robolamp.emulator.lockstep import Lockstep
-from robolamp.emulator.reality import load_reality
+from robolamp.emulator.emulated_lamp import EmulatedLamp
+from robolamp.emulator.faults.script import Event, Faults, Rates
+from robolamp.emulator.ports.lockstep import Lockstep
+from robolamp.emulator.reality.file import load_reality
 from robolamp.lamp import load_lamp
-from robolamp.robot.lamp import RobotLamp
-from robolamp.robot.shadow import ShadowLamp
+from robolamp.robot.robot_lamp import RobotLamp
+from robolamp.robot.shadow_lamp import ShadowLamp
 from robolamp.runtime.loop import run
 from robolamp.runtime.result import RunResult
 from robolamp.signals import Interventions, Observation, Tick

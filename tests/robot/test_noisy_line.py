@@ -6,12 +6,12 @@ import pytest
 
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
-from robolamp.emulator.faults import Faults, Rates
-from robolamp.emulator.lamp import EmulatedLamp
-from robolamp.emulator.lockstep import Lockstep
-from robolamp.emulator.reality import Reality
+from robolamp.emulator.emulated_lamp import EmulatedLamp
+from robolamp.emulator.faults.script import Faults, Rates
+from robolamp.emulator.ports.lockstep import Lockstep
+from robolamp.emulator.reality.file import Reality
 from robolamp.lamp import load_lamp
-from robolamp.robot.lamp import RobotLamp
+from robolamp.robot.robot_lamp import RobotLamp
 
 ASSETS = Assets()
 LAMP = load_lamp(ASSETS)

@@ -17,20 +17,20 @@ from dynamixel_sdk import COMM_SUCCESS, PacketHandler
 from numpy.typing import NDArray
 
 from robolamp.assets import Assets
-from robolamp.calibrate.servo_bench import bench_lamp
+from robolamp.calibrate.servo.procedure import bench_lamp
 from robolamp.calibration import load_calibration
-from robolamp.controller.file import load_controller
+from robolamp.controller.controller_file import load_controller
 from robolamp.controller.pilot import Pilot, PilotStep
 from robolamp.dynamixel.registers import MODELS, Model, Name, Register
-from robolamp.emulator.bare import BareServos
-from robolamp.emulator.lamp import EmulatedLamp
-from robolamp.emulator.lockstep import Lockstep
-from robolamp.emulator.reality import Reality
-from robolamp.emulator.servos_file import BareServo, PendulumLoad
+from robolamp.emulator.bare_servos import BareServos
+from robolamp.emulator.bare_servos_file import BareServo, PendulumLoad
+from robolamp.emulator.emulated_lamp import EmulatedLamp
+from robolamp.emulator.ports.lockstep import Lockstep
+from robolamp.emulator.reality.file import Reality
 from robolamp.errors import BusError, RobolampError, SafetyError
 from robolamp.lamp import Lamp
-from robolamp.robot.lamp import RobotLamp
-from robolamp.robot.settings import INDIRECT, MAPPED, RULES, Seen
+from robolamp.robot.robot_lamp import RobotLamp
+from robolamp.robot.servo_settings import INDIRECT, MAPPED, RULES, Seen
 from robolamp.runtime.loop import run
 from robolamp.signals import Interventions, Observation
 

@@ -10,11 +10,11 @@ from robolamp.calibration import load_calibration
 from robolamp.dynamixel.bus import Bus
 from robolamp.dynamixel.registers import MODELS, Name
 from robolamp.dynamixel.servos import Servos
-from robolamp.dynamixel.wire import Transport, wire_time
-from robolamp.emulator.lamp import EmulatedLamp
-from robolamp.emulator.line import BITS, Reply
-from robolamp.emulator.lockstep import Lockstep
-from robolamp.emulator.reality import load_reality
+from robolamp.dynamixel.wire_time import Transport, wire_time
+from robolamp.emulator.emulated_lamp import EmulatedLamp
+from robolamp.emulator.line.line import BITS, Reply
+from robolamp.emulator.ports.lockstep import Lockstep
+from robolamp.emulator.reality.file import load_reality
 from robolamp.lamp import load_lamp
 
 LAMP = load_lamp(Assets())

@@ -9,7 +9,7 @@ import numpy as np
 from robolamp.assets import Assets
 from robolamp.controller.pilot import PilotStep
 from robolamp.lamp import load_lamp
-from robolamp.robot.lamp import servo_traits
+from robolamp.robot.robot_lamp import servo_traits
 from robolamp.signals import Clock, Command, Health, Interventions, Observation
 
 LAMP = load_lamp(Assets())

@@ -11,9 +11,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from robolamp.dynamixel.servo_state import ServoState
 from robolamp.dynamixel.servos import Servos
-from robolamp.dynamixel.state import ServoState
-from robolamp.emulator.faults import Event, Faults
+from robolamp.emulator.faults.script import Event, Faults
 
 FAULTS = Path(__file__).parents[2] / "benchmarks" / "faults.py"
 

@@ -15,8 +15,8 @@ from robolamp.runtime.health import (
     GOALS_LOST,
     TEMPERATURE,
     VOLTAGE_TIME,
+    Action,
     Guard,
-    Verdict,
 )
 from robolamp.signals import Observation
 
@@ -31,7 +31,7 @@ def observation(change: Callable[[Observation], None] = lambda o: None) -> Obser
 
 def test_a_healthy_lamp() -> None:
     guard = Guard(LAMP, TRAITS)
-    assert guard.check(observation()) == Verdict.GO
+    assert guard.check(observation()) == Action.GO
     assert not guard.faults
 
 
@@ -67,19 +67,19 @@ def foot(age: float) -> Callable[[Observation], None]:
 @pytest.mark.parametrize(
     ("spoil", "verdict", "text"),
     [
-        (change("hardware_error", 0x20), Verdict.LAND, "knee: hardware error (overload)"),
-        (change("torque", 0), Verdict.LAND, "knee: torque went off"),
-        (change("temperature", TEMPERATURE + 1), Verdict.LAND, "knee: above 65 degC"),
-        (change("voltage", 3.4), Verdict.GO, "knee: supply below 3.5 V"),
-        (age(1), Verdict.LAND, "knee: no answer for 0.1 s"),
-        (age(0, 1, 2), Verdict.CUT, "no servo has answered for 0.1 s"),
-        (stood_still, Verdict.CUT, "a reading took more than 0.1 s: this computer stood still"),
-        (foot(FOOT_AGE * 1.01), Verdict.GO, "foot: no force for 0.05 s"),
-        (foot(FOOT_AGE_STOP * 1.01), Verdict.LAND, "foot: no force for 0.1 s"),
-        (foot(float("inf")), Verdict.LAND, "foot: no force for 0.1 s"),
+        (change("hardware_error", 0x20), Action.LAND, "knee: hardware error (overload)"),
+        (change("torque", 0), Action.LAND, "knee: torque went off"),
+        (change("temperature", TEMPERATURE + 1), Action.LAND, "knee: above 65 degC"),
+        (change("voltage", 3.4), Action.GO, "knee: supply below 3.5 V"),
+        (age(1), Action.LAND, "knee: no answer for 0.1 s"),
+        (age(0, 1, 2), Action.CUT, "no servo has answered for 0.1 s"),
+        (stood_still, Action.CUT, "a reading took more than 0.1 s: this computer stood still"),
+        (foot(FOOT_AGE * 1.01), Action.GO, "foot: no force for 0.05 s"),
+        (foot(FOOT_AGE_STOP * 1.01), Action.LAND, "foot: no force for 0.1 s"),
+        (foot(float("inf")), Action.LAND, "foot: no force for 0.1 s"),
     ],
 )
-def test_each_fault_is_named_and_judged(spoil: Callable[[Observation], None], verdict: Verdict, text: str) -> None:
+def test_each_fault_is_named_and_judged(spoil: Callable[[Observation], None], verdict: Action, text: str) -> None:
     guard = Guard(LAMP, TRAITS)
     assert guard.check(observation(spoil)) == verdict
     assert guard.faults[text] == 1
@@ -90,21 +90,21 @@ def test_each_fault_is_named_and_judged(spoil: Callable[[Observation], None], ve
 @pytest.mark.parametrize("name", ["hardware_error", "torque"])
 def test_unknown_is_not_a_fault(name: str) -> None:
     guard = Guard(LAMP, TRAITS)
-    assert guard.check(observation(change(name, -1))) == Verdict.GO
+    assert guard.check(observation(change(name, -1))) == Action.GO
     assert not guard.faults
 
 
 def test_a_lasting_low_voltage_lands() -> None:
     guard = Guard(LAMP, TRAITS)
 
-    def at(time: float, volts: float) -> Verdict:
+    def at(time: float, volts: float) -> Action:
         low = observation(change("voltage", volts))
         low.time = time
         return guard.check(low)
 
-    assert [at(0.0, 3.0), at(VOLTAGE_TIME / 2, 3.0), at(VOLTAGE_TIME * 0.9, 5.0)] == [Verdict.GO] * 3
-    assert at(VOLTAGE_TIME * 1.1, 3.0) == Verdict.GO  # counted anew
-    assert at(VOLTAGE_TIME * 2.2, 3.0) == Verdict.LAND
+    assert [at(0.0, 3.0), at(VOLTAGE_TIME / 2, 3.0), at(VOLTAGE_TIME * 0.9, 5.0)] == [Action.GO] * 3
+    assert at(VOLTAGE_TIME * 1.1, 3.0) == Action.GO  # counted anew
+    assert at(VOLTAGE_TIME * 2.2, 3.0) == Action.LAND
 
 
 def test_the_reason_is_that_of_now() -> None:
@@ -113,13 +113,13 @@ def test_the_reason_is_that_of_now() -> None:
     assert guard.reason == "knee: torque went off"
     guard.check(observation(age(0, 1, 2)))
     assert guard.reason == f"no servo has answered for {ANGLE_AGE:g} s"
-    assert guard.check(observation()) == Verdict.GO
+    assert guard.check(observation()) == Action.GO
     assert guard.reason == ""
 
 
-def over(seconds: float, name: str, value: float) -> tuple[Guard, Verdict]:
+def over(seconds: float, name: str, value: float) -> tuple[Guard, Action]:
     """The most urgent verdict on a knee that shows a value for a time, at 50 Hz."""
-    guard, worst = Guard(LAMP, TRAITS), Verdict.GO
+    guard, worst = Guard(LAMP, TRAITS), Action.GO
     for tick in range(round(seconds * 50)):
         seen = observation()
         seen.time = tick * 0.02
@@ -137,52 +137,52 @@ def over(seconds: float, name: str, value: float) -> tuple[Guard, Verdict]:
 )
 def test_load_that_lasts_ends_the_run(name: str, value: float, said: str) -> None:
     guard, worst = over(0.4, name, value)
-    assert (worst, dict(guard.faults)) == (Verdict.GO, {})  # a hop is shorter
+    assert (worst, dict(guard.faults)) == (Action.GO, {})  # a hop is shorter
     guard, worst = over(6.0, name, value)
-    assert (worst, guard.reason) == (Verdict.LAND, said)
+    assert (worst, guard.reason) == (Action.LAND, said)
     guard, worst = over(6.0, name, value / 2)
-    assert worst == Verdict.GO
+    assert worst == Action.GO
     guard, worst = over(6.0, name, math.nan)
-    assert worst == Verdict.GO
+    assert worst == Action.GO
 
 
 def test_currents_count_by_their_heat() -> None:
     """Half the time 1.3 A: the mean is 0.65 A, the rms 0.92 A."""
-    guard, worst = Guard(LAMP), Verdict.GO
+    guard, worst = Guard(LAMP), Action.GO
     for tick in range(300):
         seen = observation()
         seen.time = tick * 0.02
         seen.current[1] = 1.3 * (tick % 2)
         worst = max(worst, guard.check(seen))
-    assert (worst, guard.reason) == (Verdict.LAND, "knee: current above 0.8 A over 2 s")
+    assert (worst, guard.reason) == (Action.LAND, "knee: current above 0.8 A over 2 s")
 
 
 def test_a_warm_servo_is_a_fault_and_goes_on() -> None:
     guard = Guard(LAMP, TRAITS)
-    assert guard.check(observation(change("temperature", 62.0))) == Verdict.GO
+    assert guard.check(observation(change("temperature", 62.0))) == Action.GO
     assert dict(guard.faults) == {"knee: above 60 degC": 1}
 
 
 def test_torque_off_is_no_fault_where_it_is_meant_to_be() -> None:
     guard = Guard(LAMP, TRAITS, powered=False)
-    assert guard.check(observation(change("torque", 0))) == Verdict.GO
+    assert guard.check(observation(change("torque", 0))) == Action.GO
     assert not guard.faults
 
 
 @pytest.mark.parametrize(
     ("force", "moves", "lasts", "verdict"),
     [
-        (2.0, 0.2, FOOT_STUCK * 0.9, Verdict.GO),
-        (2.0, 0.2, FOOT_STUCK * 1.3, Verdict.LAND),
-        (2.0, 0.01, 5.0, Verdict.GO),  # it stands still: a quiet sensor may show the same
-        (0.0, 0.2, FOOT_STUCK_AIR * 0.9, Verdict.GO),
-        (0.0, 0.2, FOOT_STUCK_AIR * 1.1, Verdict.LAND),
+        (2.0, 0.2, FOOT_STUCK * 0.9, Action.GO),
+        (2.0, 0.2, FOOT_STUCK * 1.3, Action.LAND),
+        (2.0, 0.01, 5.0, Action.GO),  # it stands still: a quiet sensor may show the same
+        (0.0, 0.2, FOOT_STUCK_AIR * 0.9, Action.GO),
+        (0.0, 0.2, FOOT_STUCK_AIR * 1.1, Action.LAND),
     ],
 )
 def test_a_force_that_never_changes_while_the_lamp_moves_is_stuck(
-    force: float, moves: float, lasts: float, verdict: Verdict
+    force: float, moves: float, lasts: float, verdict: Action
 ) -> None:
-    guard, worst = Guard(LAMP, TRAITS), Verdict.GO
+    guard, worst = Guard(LAMP, TRAITS), Action.GO
     for step in range(round(lasts / 0.02) + 1):
         seen = observation()
         seen.time, seen.foot_force = step * 0.02, force
@@ -198,12 +198,12 @@ def test_a_force_is_not_stuck_for_what_nobody_saw() -> None:
         seen = observation()
         seen.time, seen.foot_force = time, 2.0
         seen.angle[1] = angle
-        assert guard.check(seen) == Verdict.GO
+        assert guard.check(seen) == Action.GO
 
 
-@pytest.mark.parametrize(("speed", "verdict"), [(0.2, Verdict.GO), (0.5, Verdict.LAND)])
-def test_a_lamp_that_creeps_presses_the_floor_with_its_weight_alone(speed: float, verdict: Verdict) -> None:
-    guard, worst = Guard(LAMP, TRAITS), Verdict.GO
+@pytest.mark.parametrize(("speed", "verdict"), [(0.2, Action.GO), (0.5, Action.LAND)])
+def test_a_lamp_that_creeps_presses_the_floor_with_its_weight_alone(speed: float, verdict: Action) -> None:
+    guard, worst = Guard(LAMP, TRAITS), Action.GO
     for step in range(40):
         seen = observation()
         seen.time, seen.foot_force = step * 0.01, 2.119
@@ -260,7 +260,7 @@ def landed(spoil: Callable[[Observation], None], lost: Callable[[int], bool], un
         spoil(seen)
         if lost(tick):
             blank(seen)
-        if guard.check(seen) == Verdict.LAND:
+        if guard.check(seen) == Action.LAND:
             return seen.time, guard.reason
     return math.inf, ""
 
@@ -309,7 +309,7 @@ def test_lost_readings_are_no_evidence(spoil: Callable[[Observation], None]) -> 
             spoil(seen)
         elif tick < 6 * half:
             blank(seen)
-        assert guard.check(seen) == Verdict.GO, (tick, guard.reason)
+        assert guard.check(seen) == Action.GO, (tick, guard.reason)
 
 
 @pytest.mark.parametrize("spoil", [stalled, overloaded])
@@ -320,14 +320,14 @@ def test_one_reading_after_a_pause_is_not_the_whole_pause(spoil: Callable[[Obser
         seen.time = time
         if time > 1.0:
             spoil(seen)
-        assert guard.check(seen) == Verdict.GO, guard.reason
+        assert guard.check(seen) == Action.GO, guard.reason
 
 
 def test_a_goal_that_arrives_in_between_begins_the_count_anew() -> None:
     guard = Guard(LAMP, TRAITS)
     for tick in range(1, 10 * GOALS_LOST):
         seen = observation(astray if tick % GOALS_LOST else lambda o: setattr(o.health, "goal", np.ones(3, np.int64)))
-        assert guard.check(seen) == Verdict.GO
+        assert guard.check(seen) == Action.GO
 
 
 def test_a_low_supply_before_a_pause_says_nothing_of_after_it() -> None:
@@ -335,7 +335,7 @@ def test_a_low_supply_before_a_pause_says_nothing_of_after_it() -> None:
     for time in (0.0, 5.0):
         seen = observation(low)
         seen.time = time
-        assert guard.check(seen) == Verdict.GO
+        assert guard.check(seen) == Action.GO
         guard.resume()
 
 
@@ -347,4 +347,4 @@ def test_a_force_that_nobody_measured_is_not_stuck() -> None:
         seen.time = tick * 0.02
         stuck(seen)
         seen.foot_age = 0.001 + max(0.0, (tick - 4) * 0.02)
-        assert guard.check(seen) == Verdict.GO, (tick, guard.reason)
+        assert guard.check(seen) == Action.GO, (tick, guard.reason)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robolamp.errors import BusError, SafetyError
-from robolamp.robot.lamp import WATCHDOG, servo_traits
+from robolamp.robot.robot_lamp import WATCHDOG, servo_traits
 from robolamp.runtime.clock import MAX_PERIOD
 from robolamp.runtime.health import ANGLE_AGE
 from robolamp.runtime.loop import LANDING, REPLUG_TIME, START_HOLD, START_MOVE, run

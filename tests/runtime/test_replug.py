@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robolamp.cli.drive import Drive, drive
 from robolamp.cli.options import Setup
-from robolamp.emulator.faults import Event, Faults
-from robolamp.emulator.lamp import EmulatedLamp
-from robolamp.emulator.lockstep import Lockstep
-from robolamp.emulator.reality import load_reality
+from robolamp.cli.run.drive import Drive, drive
+from robolamp.emulator.emulated_lamp import EmulatedLamp
+from robolamp.emulator.faults.script import Event, Faults
+from robolamp.emulator.ports.lockstep import Lockstep
+from robolamp.emulator.reality.file import load_reality
 from robolamp.log.reader import read_run
 from robolamp.robot.connection import Connection
 from robolamp.runtime.health import GOALS_LOST

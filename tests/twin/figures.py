@@ -12,7 +12,7 @@ from robolamp.controller.expression import parse
 from robolamp.controller.program import Program, compile_program
 from robolamp.controller.terminals import figure_terminals
 from robolamp.figure import Figure, load_figure
-from robolamp.twin.figure import FigureTwin, World, build_figure
+from robolamp.twin.figure_model import FigureTwin, World, build_figure
 
 ASSETS = Assets()
 JUMPER, SPIDER = load_figure(ASSETS, "jumper"), load_figure(ASSETS, "spider")

@@ -13,7 +13,7 @@ from robolamp.controller.program import Program, compile_program
 from robolamp.controller.terminals import all_terminals
 from robolamp.lamp import load_lamp
 from robolamp.twin.judge import Outcome
-from robolamp.twin.model import Bend, TwinModel, build
+from robolamp.twin.lamp_model import Bend, TwinModel, build
 
 ASSETS = Assets()
 LAMP = load_lamp(ASSETS)

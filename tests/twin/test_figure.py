@@ -13,10 +13,10 @@ from robolamp.assets import Assets
 from robolamp.controller.terminals import figure_terminals
 from robolamp.errors import FileError, RobolampError
 from robolamp.figure import Figure, figures, load_figure
-from robolamp.twin.figure import FigureTwin, World, build_figure
+from robolamp.twin.figure_judge import FigureJudge, FigureOutcome
+from robolamp.twin.figure_model import FigureTwin, World, build_figure
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.lanes import STATE
-from robolamp.twin.verdict import FigureOutcome, Verdict
 
 from .figures import ASSETS, JUMPER, SPIDER, program, sensed, twin
 
@@ -160,7 +160,7 @@ def test_outputs_that_are_no_numbers_or_too_fast_are_kept_from_the_motors() -> N
 def judged(compiled: FigureTwin, *, error: float = 0.0, tilt: float = 0.0, **sensors: float) -> FigureOutcome:
     """Two lanes whose root is `error` from the point (1, 0), leaning by `tilt`, for one second."""
     root = [1.0 - error, 0.0, 0.02]
-    verdict = Verdict(compiled, np.array([[1.0, 0.0]] * 2), 1.0)
+    verdict = FigureJudge(compiled, np.array([[1.0, 0.0]] * 2), 1.0)
     verdict.begin(sensed(compiled))
     qpos = np.zeros((2, compiled.model.nq))
     qpos[:, compiled.root + 3], qpos[:, compiled.root + 4] = math.cos(tilt / 2), math.sin(tilt / 2)
@@ -190,7 +190,7 @@ def test_idleness_counts_only_away_from_the_goal() -> None:
 def test_jumps_and_what_became_of_the_box_are_measured() -> None:
     """A box pulled 0.2 m towards where Madzia stood, and two flights, of which 30 ms is none."""
     compiled = twin(SPIDER)
-    verdict = Verdict(compiled, np.array([[0.5, 0.0]] * 2), 1.0)
+    verdict = FigureJudge(compiled, np.array([[0.5, 0.0]] * 2), 1.0)
     qpos, qvel = np.zeros((2, compiled.model.nq)), np.zeros((2, compiled.model.nv))
     qpos[:, compiled.root + 3] = 1.0
 
@@ -230,7 +230,7 @@ def test_light_box_slides_under_a_push_that_would_not_tip_it_and_the_heavy_one_s
 
 def test_diverged_lane_has_reached_nothing() -> None:
     compiled = twin()
-    verdict = Verdict(compiled, np.ones((2, 2)), 1.0)
+    verdict = FigureJudge(compiled, np.ones((2, 2)), 1.0)
     data, qpos, qvel = sensed(compiled), np.zeros((2, compiled.model.nq)), np.zeros((2, compiled.model.nv))
     verdict.begin(data)
     verdict.step(np.arange(2), data, qvel)

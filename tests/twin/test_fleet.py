@@ -6,18 +6,18 @@ import mujoco
 import numpy as np
 import pytest
 
+from robolamp.controller.controller_file import Controller, load_controller
 from robolamp.controller.expression import parse
-from robolamp.controller.file import Controller, load_controller
 from robolamp.controller.pilot import Pilot
 from robolamp.controller.program import compile_program
 from robolamp.errors import RobolampError
 from robolamp.signals import Command
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.judge import Outcome
-from robolamp.twin.lamp import TwinLamp
-from robolamp.twin.lamps import SETTLE_TIME
-from robolamp.twin.model import Bend, TwinModel
+from robolamp.twin.lamp_lanes import SETTLE_TIME
+from robolamp.twin.lamp_model import Bend, TwinModel
 from robolamp.twin.spread import load_spread
+from robolamp.twin.twin_lamp import TwinLamp
 
 from .parts import ASSETS, FALL, HEAVY, LAMP, PERIOD, STAND, SWAY, TERMINALS, TWIN, N, bent, program, rows
 

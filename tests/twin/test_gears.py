@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from robolamp.assets import Assets
 from robolamp.calibration import JOINT, LAMP, SERVO, Calibration, Parameter, load_calibration
-from robolamp.controller.file import load_controller
+from robolamp.controller.controller_file import load_controller
 from robolamp.controller.terminals import on_board_terminals
-from robolamp.emulator.difference import Reality
-from robolamp.emulator.drive import Drive
-from robolamp.emulator.lamp import EmulatedLamp
+from robolamp.emulator.emulated_lamp import EmulatedLamp
+from robolamp.emulator.reality.reality import Reality
+from robolamp.emulator.servo.drive import Drive
 from robolamp.lamp import load_lamp
-from robolamp.twin.body import Body
 from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.model import Bend, TwinModel, build
+from robolamp.twin.lamp_body import Body
+from robolamp.twin.lamp_model import Bend, TwinModel, build
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ import pytest
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.lamp import load_lamp
-from robolamp.twin.model import TwinModel, build
-from robolamp.twin.moments import caption, moments
-from robolamp.twin.render import qpos_of
+from robolamp.twin.lamp_model import TwinModel, build
+from robolamp.twin.pictures.moments import caption, moments
+from robolamp.twin.pictures.render import qpos_of
 
 STEP = 0.004  # s
 FLIGHT = 0.13  # s: as the real lamp's

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from robolamp.twin.body import Body
-from robolamp.twin.model import Bend, build
+from robolamp.twin.lamp_body import Body
+from robolamp.twin.lamp_model import Bend, build
 
 from .parts import ASSETS, CALIBRATION, LAMP, TWIN, N
 

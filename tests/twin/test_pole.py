@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from robolamp.twin.body import Body
 from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.lamp import TwinLamp
-from robolamp.twin.model import POLE_RADIUS, Bend, Pole, TwinModel, build
-from robolamp.twin.render import qpos_of, side_view, strip
+from robolamp.twin.lamp_body import Body
+from robolamp.twin.lamp_model import POLE_RADIUS, Bend, Pole, TwinModel, build
+from robolamp.twin.pictures.render import qpos_of, side_view, strip
+from robolamp.twin.twin_lamp import TwinLamp
 
 from .parts import ASSETS, CALIBRATION, FALL, LAMP, PERIOD, STAND, TWIN, N, program, rows
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.poses import KeyPose, PoseErrors
+from robolamp.twin.key_poses import KeyPose, PoseErrors
 
 from .parts import FALL, HEAVY, PERIOD, STAND, SWAY, TWIN, N, program, rows
 

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from robolamp.twin.render import animation, qpos_of, side_view, strip, strips
+from robolamp.twin.pictures.render import animation, qpos_of, side_view, strip, strips
 
 from .parts import TWIN
 
@@ -41,7 +41,7 @@ def test_without_opengl_the_strip_is_drawn_and_nothing_fails() -> None:
     code = """
 import numpy as np
 from twin.parts import TWIN
-from robolamp.twin.render import Camera, RenderUnavailableError, qpos_of, side_view, strip
+from robolamp.twin.pictures.render import Camera, RenderUnavailableError, qpos_of, side_view, strip
 pose = qpos_of(TWIN, (0, 0, 0), np.zeros(3))
 try:
     Camera(TWIN, 60, 60)

@@ -10,8 +10,8 @@ import pytest
 
 from robolamp.calibration import SERVO
 from robolamp.errors import FileError
-from robolamp.twin.body import Body
-from robolamp.twin.model import Bend, build
+from robolamp.twin.lamp_body import Body
+from robolamp.twin.lamp_model import Bend, build
 from robolamp.twin.motors import Motors, Views
 from robolamp.twin.servo import friction_loss
 

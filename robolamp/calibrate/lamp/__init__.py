@@ -1,0 +1,1 @@
+"""Calibrating a whole lamp."""

@@ -1,0 +1,1 @@
+"""Calibrating one servo on a pendulum bench."""

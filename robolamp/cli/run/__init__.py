@@ -1,0 +1,1 @@
+"""What deploy and dry-run put together around a run."""

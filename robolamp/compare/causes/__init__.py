@@ -1,0 +1,1 @@
+"""Why lamp and twin differ: causes, ranked and put into words."""

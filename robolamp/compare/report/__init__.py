@@ -1,0 +1,1 @@
+"""The pages that a comparison is read on."""

@@ -1,0 +1,1 @@
+"""Faults on an emulated bus: scripts, and what carries them out."""

@@ -1,0 +1,1 @@
+"""The line that emulated servos share: whose turn it is, what collides, what passes."""

@@ -1,0 +1,1 @@
+"""What emulated servos turn: the lamp or a pendulum, in MuJoCo."""

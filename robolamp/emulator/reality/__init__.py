@@ -1,0 +1,1 @@
+"""Realities: how an emulated lamp differs from its twin."""

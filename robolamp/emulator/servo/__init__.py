@@ -1,0 +1,1 @@
+"""One emulated servo: registers, operating modes, what it protects itself from."""

@@ -1,0 +1,1 @@
+"""Studies: many runs, and which of the papers' claims they agree with."""
