@@ -21,7 +21,7 @@ from robolamp.files import alone, partial, sha256, suffix_of
 from robolamp.lamp import Lamp
 from robolamp.log.run_context import run_context
 from robolamp.robot.connection import Connection
-from robolamp.runtime.recording import Audience, RunLog, record_run
+from robolamp.runtime.recorded_run import Audience, RunLog, record_run
 from robolamp.runtime.result import RunResult
 from robolamp.runtime.stop import StopRequest
 

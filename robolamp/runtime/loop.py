@@ -15,8 +15,8 @@ from robolamp.lamp import Lamp
 from robolamp.runtime.clock import PERIOD, Schedule, Sleep, check_period
 from robolamp.runtime.health import Action, Guard
 from robolamp.runtime.result import Reporter, RunResult
+from robolamp.runtime.soft_start import first_goal, present_pose, smooth, still_held
 from robolamp.runtime.stop import StopRequest
-from robolamp.runtime.torque import first_goal, present_pose, smooth, still_held
 from robolamp.signals import Command, LampBackend, Observation, Tick
 
 Array = NDArray[np.float64]

@@ -19,7 +19,7 @@ from robolamp.lamp import Lamp
 from robolamp.robot.robot_lamp import RobotLamp
 from robolamp.runtime.clock import MonotonicClock
 from robolamp.runtime.loop import run
-from robolamp.runtime.torque import RELEASE_TIME
+from robolamp.runtime.soft_start import RELEASE_TIME
 from robolamp.signals import Interventions, Observation, Tick
 
 pytestmark = pytest.mark.realtime

@@ -12,8 +12,8 @@ from robolamp.robot.robot_lamp import WATCHDOG, servo_traits
 from robolamp.runtime.clock import MAX_PERIOD
 from robolamp.runtime.health import ANGLE_AGE
 from robolamp.runtime.loop import LANDING, REPLUG_TIME, START_HOLD, START_MOVE, run
+from robolamp.runtime.soft_start import RELEASE_TIME, smooth
 from robolamp.runtime.stop import StopRequest
-from robolamp.runtime.torque import RELEASE_TIME, smooth
 from robolamp.signals import Command, Observation, Tick
 
 from .fake import LAMP, FakeClock, FakeLamp, Wave

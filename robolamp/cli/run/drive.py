@@ -21,7 +21,7 @@ from robolamp.log.run_context import run_context
 from robolamp.log.schemas import DURATION
 from robolamp.robot.connection import Connection
 from robolamp.robot.shadow_lamp import ShadowLamp
-from robolamp.runtime.recording import Audience, RunLog, record_run
+from robolamp.runtime.recorded_run import Audience, RunLog, record_run
 from robolamp.runtime.result import RunResult
 from robolamp.runtime.stop import StopRequest
 from robolamp.signals import Tick

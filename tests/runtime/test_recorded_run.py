@@ -11,7 +11,7 @@ from contract.backends import twin
 
 from robolamp.errors import BusError, FileError
 from robolamp.log.reader import read_run
-from robolamp.runtime.recording import Audience, RunLog, record_run
+from robolamp.runtime.recorded_run import Audience, RunLog, record_run
 from robolamp.runtime.stop import StopRequest
 from robolamp.signals import LampBackend, Tick
 

@@ -1,4 +1,4 @@
-"""Torque on without a jump, and off for certain: where every joint is, the curve to the next goal, who still holds."""
+"""Soft start and release: where every joint is, the smooth curve to the first goal, and at the end who still holds."""
 
 from __future__ import annotations
 
