@@ -148,7 +148,7 @@ def test_load_that_lasts_ends_the_run(name: str, value: float, said: str) -> Non
 
 def test_currents_count_by_their_heat() -> None:
     """Half the time 1.3 A: the mean is 0.65 A, the rms 0.92 A."""
-    guard, worst = Guard(LAMP), Action.GO
+    guard, worst = Guard(LAMP, TRAITS), Action.GO
     for tick in range(300):
         seen = observation()
         seen.time = tick * 0.02
