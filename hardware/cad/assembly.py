@@ -244,7 +244,7 @@ def screws(shape: Shape) -> list[Screw]:
     under = joint.PLATE_IN + joint.LAND
     for name, (body, place) in _servo_places(shape).items():
         for side in (-1.0, 1.0):
-            for x, z in measures.FRAME_HOLES:
+            for x, z in joint.frame_holes(side):
                 at = place * Pos(x, side * under, z)
                 way = place * Pos(x, side * (under + 1.0), z)
                 outwards = tuple(round(b - a, 9) for a, b in zip(at.position, way.position, strict=True))

@@ -74,6 +74,8 @@ def _build(shape: Any, *, check: bool, pictures: bool) -> int:
     _say("parts of a link apart")
     checks.check_links(shape)
     checks.check_gauges(shape)
+    _say("parts on their way into place")
+    checks.check_insertion(shape)
     _say("screws within reach")
     count = checks.check_screws(shape)
     _say("walls and bed")

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from build123d import Location, Part
+from build123d import Location, Part, Pos
 from numpy.typing import NDArray
 
 import bought
@@ -306,6 +306,55 @@ def check_gauges(shape: Shape) -> None:
             volume = 0.0 if common is None else sum(solid.volume for solid in common.solids())
             if volume > _TOUCHING:
                 raise Unbuildable(f"{name} and {part.name} share {volume:.1f} mm3; expected none (shape {shape.path})")
+
+
+def check_insertion(shape: Shape) -> None:
+    """Check that the parts come together: each servo, with its horn, into its cradle, and each fork over its joint.
+
+    Servo and fork are moved out along straight lines, in steps of 2 mm, and must meet nothing.
+
+    Args:
+        shape: The lamp's measures.
+
+    Raises:
+        Unbuildable: Something is in the way.
+    """
+    parts = [part for part in placed(shape) if not part.ghost]
+    places = link_places(shape, (0.0, 0.0, 0.0))
+    by_name = {part.name: part for part in parts}
+    steps = [2.0 * number for number in range(1, 20)]
+    forks = {
+        "ankle": ("frame", "lower_arm", -1.0),
+        "knee": ("elbow", "lower_arm", 1.0),
+        "neck": ("neck", "upper_arm", 1.0),
+    }
+    for joint, (fork, body, way) in forks.items():
+        servo, cradle, horn = (by_name[f"{joint}_{name}"] for name in ("servo", "cradle", "horn"))
+        out = 1.0 if joint != "ankle" else -1.0  # along the servo's link, past the joint
+        disc = places[body].inverse() * places[horn.body] * horn.solid
+        around = [part for part in parts if part.body == body and part.step <= 3]
+        around = [(part.name, places[body] * part.solid) for part in around]
+        around += [
+            (by_name[f"{joint}_{kind}"].name, places[horn.body] * by_name[f"{joint}_{kind}"].solid)
+            for kind in ("horn", "idler")
+        ]
+        for step in steps:
+            for moved in (servo.solid, disc):
+                _apart_while_moved("the servo", Pos(0, 0, out * step) * moved, cradle.name, cradle.solid, joint, shape)
+            moved = places[by_name[fork].body] * Pos(0, 0, way * step) * by_name[fork].solid
+            for name, solid in around:
+                _apart_while_moved(fork, moved, name, solid, joint, shape)
+
+
+def _apart_while_moved(name: str, moved: Part, other: str, solid: Part, joint: str, shape: Shape) -> None:
+    bounds, others = moved.bounding_box(), solid.bounding_box()
+    boxes = [(np.array(tuple(box.min)), np.array(tuple(box.max))) for box in (bounds, others)]
+    if _apart(*boxes) > 0.0:
+        return
+    common = moved.intersect(solid)
+    volume = 0.0 if common is None else sum(each.volume for each in common.solids())
+    if volume > 0.1:
+        raise Unbuildable(f"{other} is in the way of {name} on its way to the {joint} (shape {shape.path})")
 
 
 def check_screws(shape: Shape) -> int:

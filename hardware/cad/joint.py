@@ -98,18 +98,28 @@ def cradle(tube: float, spacing: float) -> Part:
     part = end_piece(far, tube, spacing)
     for side in (-1.0, 1.0):
         low, high = sorted((side * PLATE_IN, side * PLATE_OUT))
-        plate = block((-WIDTH, WIDTH), (low, high), (near, far + 1.0))
+        begin = 0.0 if side > 0 else near  # the horn slides in where its plate ends; the idler is put on afterwards
+        plate = block((-WIDTH, WIDTH), (low, high), (begin, far + 1.0))
         plate -= along_y(measures.HORN_RADIUS + 0.6, low, high)
         plate -= block((-5.0, 5.0), (low, high), (near, 0.0))
         plate -= block((-6.0, 6.0), (low, high), (11.4, 18.6))  # a window: light, and for the cable
         rim = sorted((side * (PLATE_IN + LAND), side * PLATE_OUT))
-        for x, z in measures.FRAME_HOLES:
+        for x, z in frame_holes(side):
             inner, outer = (5.0, WIDTH) if x > 0 else (-WIDTH, -5.0)
             span = (near, -4.9) if z < 0 else (19.9, far + 0.6)
             plate -= block((inner, outer), (rim[0], rim[1]), span)
             plate -= along_y(measures.SCREW_HOLE, low, high, x, z)
         part += plate
     return part
+
+
+def frame_holes(side: float) -> list[tuple[float, float]]:
+    """Return x and z of the frame holes that a cradle uses on one side of the servo.
+
+    Args:
+        side: +1: the horn's, the two far ones; -1: the back, all four.
+    """
+    return [(x, z) for x, z in measures.FRAME_HOLES if side < 0 or z > 0]
 
 
 def fork_walls(root: float, root_half: float, holes: float, end: float = WIDTH) -> Part:

@@ -16,7 +16,7 @@ CASE_MIDDLE = (CASE_FAR - CASE_NEAR) / 2  # of the case, from the axis
 HORN_RADIUS, HORN_HEIGHT = 8.0, 3.0
 HORN_FACE = CASE_DEPTH / 2 + HORN_HEIGHT
 HORN_CIRCLE = 6.0  # radius, of the four holes
-FRAME_HOLES = ((8.0, -7.5), (-8.0, -7.5), (8.0, 22.5), (-8.0, 22.5))  # x and z
+FRAME_HOLES = ((8.0, -7.5), (-8.0, -7.5), (8.0, 22.5), (-8.0, 22.5))  # x and z, on either face
 SERVO_MASS, HORN_MASS, IDLER_MASS = 18.0, 0.9, 1.0  # g; the first with its horn (e-manual); the others estimated
 
 # Screws: pan-head, thread-forming, for plastic (the servo's own). Heads after JIS B 1122; an M2 x 8 weighs about 0.2 g.
