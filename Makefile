@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 GOAL ?= 0.30
 
 .DEFAULT_GOAL := help
-.PHONY: help hop hops test test-slow test-realtime lint wheel benchmarks pictures studies mutants clean opengl browser micropython
+.PHONY: help hop hops test test-slow test-realtime cad cad-test lint wheel benchmarks pictures studies mutants clean opengl browser micropython
 
 help:  ## what the targets do
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -24,6 +24,12 @@ test-realtime: $(VENV)/developed  ## the tests against the real clock, three tim
 	@busy=; for each in 1 2 3 4 5 6 7 8 9 10 11 12; do while :; do :; done & busy="$$busy $$!"; done; \
 	trap "kill $$busy" EXIT; trap 'exit 130' INT; trap 'exit 143' TERM HUP; \
 	for each in 1 2 3; do $(BIN)/python -m pytest -m realtime -n 2 --dist loadfile $$(grep -rl mark.realtime tests --include='test_*.py') || exit 1; done
+
+cad: $(VENV)/cad opengl  ## hardware/cad: the printed parts, their checks and pictures, and the model's masses and meshes
+	$(BIN)/python hardware/cad/build.py
+
+cad-test: $(VENV)/developed $(VENV)/cad  ## the parts built again from their sources, and lamps with other arms
+	$(BIN)/python -m pytest -m slow tests/cad
 
 lint: $(VENV)/developed  ## ruff, pyright, import floors
 	$(BIN)/ruff check .
@@ -78,6 +84,10 @@ $(VENV)/installed: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "robolamp needs Python 3.11 or later; this is " + sys.version.split()[0] + ". Try: make PYTHON=python3.12 " )'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	@touch $@
+
+$(VENV)/cad: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[cad]'
 	@touch $@
 
 $(VENV)/developed: $(VENV)/installed

@@ -1,0 +1,100 @@
+"""The committed parts are those of their sources; without the CAD kernel."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from .readme import ROOT
+
+CAD = ROOT / "hardware" / "cad"
+EXPORTED = CAD / "exported"
+JOINTS = {"ankle": "lower_arm", "knee": "upper_arm", "neck": "head"}
+
+
+@pytest.fixture(scope="module")
+def told() -> dict[str, Any]:
+    return tomllib.loads((EXPORTED / "properties.toml").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def shape() -> dict[str, Any]:
+    return tomllib.loads((CAD / "shape.toml").read_text(encoding="utf-8"))
+
+
+def test_properties_are_of_the_sources_that_are_here(told: dict[str, Any]) -> None:
+    digest = hashlib.sha256()
+    for name in told["source"]["files"]:
+        digest.update(name.encode() + b"\0" + (CAD / name).read_bytes() + b"\0")
+    assert digest.hexdigest() == told["source"]["sha256"], "the parts' sources have changed: run `make cad`"
+
+
+def test_properties_follow_the_shape(told: dict[str, Any], shape: dict[str, Any]) -> None:
+    assert told["lengths"]["lower_arm"] == pytest.approx(shape["arms"]["lower"] / 1000)
+    assert told["lengths"]["upper_arm"] == pytest.approx(shape["arms"]["upper"] / 1000)
+    assert told["lengths"]["axis"] == pytest.approx(shape["foot"]["axis"] / 1000)
+    assert told["neutral"] == shape["neutral"]
+    for joint, (low, high) in told["stops"].items():
+        assert shape["stops"][joint][0] == low
+        assert high <= shape["stops"][joint][1]
+
+
+def test_every_part_has_its_files_and_prints_on_the_bed(told: dict[str, Any], shape: dict[str, Any]) -> None:
+    for name, part in told["parts"].items():
+        for suffix in ("step", "stl", "3mf"):
+            assert (EXPORTED / f"{name}.{suffix}").stat().st_size > 500
+        assert max(part["size_mm"]) <= shape["print"]["bed"] <= 180
+        assert part["wall_mm"] >= shape["print"]["wall"] - 0.01
+        assert part["wall_mm"] >= 1.19
+    printed = {path.stem for path in EXPORTED.glob("*.st*")}
+    assert printed == set(told["parts"])
+
+
+def test_links_keep_their_distance_in_every_pose(told: dict[str, Any], shape: dict[str, Any]) -> None:
+    assert len(told["checks"]["gaps_mm"]) == 6
+    assert min(told["checks"]["gaps_mm"].values()) >= shape["print"]["clearance"] - 1e-3
+
+
+def test_stiffness_is_said_for_every_joint(told: dict[str, Any]) -> None:
+    for joint in (*JOINTS, "gears"):
+        nominal, low, high = told["stiffness"][joint]
+        assert 5 < low < nominal < high < 200
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("lower = 100.0", "lower = 60.0", "arms.lower = 60; expected 71.4 mm or more"),
+        ("mouth_radius = 42.0", "mouth_radius = 19.0", "shade.mouth_radius"),
+        ("bulb_mass = 22.0", "bulb_mass = 0.0", "shade.bulb_mass = 0.0; expected 0.1 to 200 g"),
+        ("density = 1.24", "density = 0", "print.density = 0; expected 0.1 to 10 g/cm3"),
+        ("axis = 32.0", "axis = 'high'", "foot.axis = 'high'; expected"),
+        ("[stops]", "[halts]", "table [stops] is missing"),
+        ("knee = [-1.05, 0.80]", "knee = [0.1, 0.80]", "stops.knee = [0.1, 0.8]"),
+    ],
+)
+def test_what_cannot_be_built_is_refused_before_the_kernel_loads(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    folder = tmp_path / "hardware" / "cad"
+    folder.mkdir(parents=True)
+    for path in CAD.glob("*.py"):
+        (folder / path.name).write_bytes(path.read_bytes())
+    text = (CAD / "shape.toml").read_text(encoding="utf-8")
+    assert old in text
+    (folder / "shape.toml").write_text(text.replace(old, new, 1), encoding="utf-8")
+    before = sorted(tmp_path.rglob("*"))
+    done = subprocess.run(
+        [sys.executable, "-B", str(folder / "build.py")], capture_output=True, text=True, check=False, timeout=120
+    )
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert str(folder / "shape.toml") in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert sorted(tmp_path.rglob("*")) == before
