@@ -25,7 +25,7 @@ test-realtime: $(VENV)/developed  ## the tests against the real clock, three tim
 	trap "kill $$busy" EXIT; trap 'exit 130' INT; trap 'exit 143' TERM HUP; \
 	for each in 1 2 3; do $(BIN)/python -m pytest -m realtime -n 2 --dist loadfile $$(grep -rl mark.realtime tests --include='test_*.py') || exit 1; done
 
-cad: $(VENV)/cad opengl  ## hardware/cad: the printed parts, their checks and pictures, and the model's masses and meshes
+cad: $(VENV)/cad opengl  ## hardware/cad: the printed parts, their checks, masses and pictures
 	$(BIN)/python hardware/cad/build.py
 
 cad-test: $(VENV)/developed $(VENV)/cad  ## the parts built again from their sources, and lamps with other arms

@@ -24,6 +24,9 @@ do not change, and it follows robolamp.
 | --- | --- |
 {rows}
 
+Parts of other lengths: change `hardware/cad/shape.toml`, then `python {name}/hardware/cad/build.py` writes the parts to
+print (it needs `pip install 'robolamp[cad]'`).
+
 1. Your servos' ids, signs, zeros and limits, and your ports: `robolamp setup scan`, then `assign`, `zero`, `foot`, each
    with `--lamp {name}`; they write hardware/lamp.toml.
 2. `robolamp setup check --lamp {name}`: what is still in the way of a run.
@@ -32,11 +35,17 @@ do not change, and it follows robolamp.
 """
 
 
+_CAD = Path("hardware/cad")
+
+
 def _files(assets: Assets) -> dict[str, str]:
-    """What a new folder holds, and what to change there."""
+    """What a new folder holds, and what to change there; empty: nothing, others are built with it."""
     scene = load_lamp(assets).model
+    cad = {str(_CAD / path.name): "" for path in sorted(assets.path(str(_CAD / "shape.toml")).parent.glob("*.py"))}
     return {
         "hardware/lamp.toml": "servos, signs, zeros, limits, ports, foot sensor",
+        str(_CAD / "shape.toml"): "lengths of arms, foot, shade: what its printed parts are built from",
+        **cad,
         scene: "what stands on the desk",
         str(Path(scene).with_name("lamp.xml")): "the lamp's links: lengths, masses, shapes",
         "calibration/nominal.toml": "the twin's numbers, as long as nothing is measured",
@@ -74,7 +83,7 @@ def new(
         for relative in files:
             (beside / relative).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(assets.path(relative), beside / relative)
-        rows = "\n".join(f"| `{relative}` | {what} |" for relative, what in files.items())
+        rows = "\n".join(f"| `{relative}` | {what} |" for relative, what in files.items() if what)
         (beside / "README.md").write_text(_README.format(name=directory.name, rows=rows), encoding="utf-8")
         beside.rename(directory)
     except OSError as error:
@@ -84,6 +93,7 @@ def new(
     if as_json:
         print_json({"directory": str(directory), "files": [*files, "README.md"]})
     else:
-        print(f"{directory}: {len(files)} files to change, and README.md, which says what is where")
+        changed = sum(1 for what in files.values() if what)
+        print(f"{directory}: {changed} files to change, and README.md, which says what is where")
         print(f"next: robolamp setup scan --lamp {directory}")
     return 0
