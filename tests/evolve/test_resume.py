@@ -148,7 +148,7 @@ def test_a_disk_that_is_full_leaves_the_last_checkpoint_whole(tmp_path: Path, mo
         write_atomic(path, data)
 
     with monkeypatch.context() as patch:
-        for module in ("run", "checkpoint", "progress", "record"):
+        for module in ("evolution", "checkpoint", "progress", "run_record"):
             patch.setattr(f"robolamp.evolve.{module}.write_atomic", full)
         with pytest.raises(FileError, match="No space left on device"):
             begin(cut)
