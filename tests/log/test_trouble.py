@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from mcap_ros2.writer import Writer
+from sleeper import eventually
 
 from robolamp.errors import FileError
 from robolamp.log import writer as writer_module
@@ -84,8 +85,9 @@ def many_chunks(path: Path, count: int) -> Path:
         writer_module.FLUSH_PERIOD = 0.001  # many small chunks
         with LogWriter(path, context={"goal_m": "0.3"}, joints=JOINTS, now=100.0) as log:
             for index in range(count):
+                before = path.stat().st_size
                 log.tick(make_tick(index))
-                time.sleep(0.0015)
+                assert eventually(lambda size=before: path.stat().st_size > size)  # a chunk a tick, however busy
     finally:
         writer_module.FLUSH_PERIOD = period
     return path
