@@ -1,4 +1,4 @@
-"""Files of the parts: STEP, STL and 3MF to print from, light meshes for the model; one shape gives the same bytes."""
+"""Files of the parts: STEP, STL and 3MF to print from; one shape gives the same bytes."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from pathlib import Path
 import numpy as np
 from build123d import Location, Part, export_step
 from numpy.typing import NDArray
-from OCP.BRepMesh import BRepMesh_IncrementalMesh
-from OCP.BRepTools import BRepTools
 
 from assembly import Placed, Printed
 from checks import mesh
@@ -81,32 +79,6 @@ def _three_mf(name: str, triangles: NDArray[np.float64]) -> bytes:
         for path, text in (("[Content_Types].xml", kinds), ("_rels/.rels", links), ("3D/3dmodel.model", model)):
             archive.writestr(zipfile.ZipInfo(path, _WHEN), text, zipfile.ZIP_DEFLATED, 9)
     return packed.getvalue()
-
-
-def write_meshes(parts: list[Placed], groups: dict[str, list[str]], folder: Path) -> int:
-    """Write light meshes for the model, in metres and in their links' frames; return their size in bytes.
-
-    Args:
-        parts: The lamp's parts.
-        groups: Names of meshes, and of the parts that each holds.
-        folder: Where.
-    """
-    by_name = {part.name: part for part in parts}
-    size = 0
-    for name, members in groups.items():
-        triangles = np.concatenate([_light(by_name[member].solid) for member in members]) / 1000.0
-        data = stl(triangles)
-        size += len(data)
-        (folder / f"{name}.stl").write_bytes(data)
-    return size
-
-
-def _light(solid: Part) -> NDArray[np.float64]:
-    """As few triangles as stay within half a millimetre: small holes become pentagons, large rims stay round."""
-    within = 0.25 if len(solid.faces()) < 20 else 0.5  # mm; finer where little but a rim is seen
-    BRepTools.Clean_s(solid.wrapped)
-    BRepMesh_IncrementalMesh(solid.wrapped, within, False, 1.6, False)
-    return mesh(solid, 10.0, 10.0)  # takes the triangles that are there
 
 
 def placed_mesh(part: Placed, place: Location, fine: float = 0.1) -> NDArray[np.float64]:

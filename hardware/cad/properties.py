@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from build123d import Pos
 
 import head
 import joint
@@ -17,7 +16,6 @@ import measures
 import stiffness
 from assembly import Placed, inertia, printed
 from description import BODIES, JOINTS, Shape
-from links import link_places
 
 SOURCES = (
     "assembly.py", "base.py", "bought.py", "description.py", "gauges.py", "head.py", "joint.py", "links.py",
@@ -112,34 +110,6 @@ def properties(
             for part in printed(shape)
         },
     }  # fmt: skip
-
-
-def balance(
-    shape: Shape, bodies: Mapping[str, Mapping[str, Any]], knee: float, neck: float, low: float, high: float
-) -> float:
-    """Return the ankle's angle at which what it carries stands above its axis [rad].
-
-    Args:
-        shape: The lamp's measures.
-        bodies: Links, as in the properties.
-        knee: The knee's angle [rad].
-        neck: The neck's angle.
-        low: The least to return.
-        high: The most.
-    """
-
-    def ahead(ankle: float) -> float:
-        places = link_places(shape, (ankle, knee, neck))
-        moment = 0.0
-        for body in BODIES[1:]:
-            x, y, z = (1000.0 * value for value in bodies[body]["centre"])
-            moment += bodies[body]["mass"] * (places[body] * Pos(x, y, z)).position.X
-        return moment
-
-    for _ in range(30):
-        middle = (low + high) / 2
-        low, high = (middle, high) if ahead(middle) < 0.0 else (low, middle)
-    return round((low + high) / 2, 2)
 
 
 def _density(shape: Shape, material: str) -> float:

@@ -17,7 +17,7 @@ from sleeper import eventually
 from robolamp.cli.run.witness import Busy, Silence, Watch, judged
 from robolamp.lateness import Lateness
 
-COMMAND = [sys.executable, "-m", "robolamp", "dry-run", "hop", "--goal", "0.1", "--duration", "2", "--reality", "none"]
+COMMAND = [sys.executable, "-m", "robolamp", "dry-run", "hop", "--goal", "0.1", "--reality", "none", "--duration"]
 PATIENCE = 0.012
 
 
@@ -27,11 +27,11 @@ def emulator_of(process: subprocess.Popen[str]) -> int:
 
 
 def disturbed(
-    folder: Path, disturb: Callable[[subprocess.Popen[str], int], None], *options: str
+    folder: Path, disturb: Callable[[subprocess.Popen[str], int], None], *options: str, duration: str = "2"
 ) -> tuple[int, dict, str]:
     """Start a dry run, disturb it once the lamp moves, and return its exit code, what it said, and its stderr."""
     process = subprocess.Popen(
-        [*COMMAND, *options, "-o", "run", "--json"],
+        [*COMMAND, duration, *options, "-o", "run", "--json"],
         cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     log = folder / "run" / "log.mcap"
@@ -67,7 +67,7 @@ def test_a_run_that_this_computer_cut_goes_on_in_lockstep(tmp_path: Path) -> Non
 @pytest.mark.realtime
 def test_it_says_so(tmp_path: Path) -> None:
     process = subprocess.Popen(
-        [*COMMAND, "-o", "run"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [*COMMAND, "2", "-o", "run"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     assert process.stderr is not None
     assert any(line.strip() == "run" for line in process.stderr)
@@ -108,8 +108,9 @@ def test_a_run_that_was_asked_to_stop_is_not_repeated(tmp_path: Path) -> None:
 @pytest.mark.realtime
 def test_a_run_with_a_script_of_faults_is_not_repeated(tmp_path: Path) -> None:
     script = tmp_path / "faults.toml"
-    script.write_text('name = "x"\n[[event]]\nwhat = "silent"\nservo = 1\nat = 3.5\nlasts = 9.0\n')
-    code, said, _ = disturbed(tmp_path, freeze, "--faults", str(script))
+    # So late that a busy machine has opened the lamp by then, and the run is still on.
+    script.write_text('name = "x"\n[[event]]\nwhat = "silent"\nservo = 1\nat = 15.0\nlasts = 90.0\n')
+    code, said, _ = disturbed(tmp_path, freeze, "--faults", str(script), duration="40")
     assert code == 1
     assert (said["ended"] in ("cut", "guard"), said["lockstep"]) == (True, False)
     assert not (tmp_path / "run" / "log.mcap.cut").exists()
