@@ -19,6 +19,7 @@ from robolamp.lateness import Lateness
 
 COMMAND = [sys.executable, "-m", "robolamp", "dry-run", "hop", "--goal", "0.1", "--reality", "none", "--duration"]
 PATIENCE = 0.012
+TICKING = 12_000  # the size of a log that holds ticks [bytes]: what stands before the first takes 8 kB or a little more
 
 
 def emulator_of(process: subprocess.Popen[str]) -> int:
@@ -36,7 +37,7 @@ def disturbed(
     )  # fmt: skip
     log = folder / "run" / "log.mcap"
     try:
-        assert eventually(lambda: process.poll() is not None or (log.exists() and log.stat().st_size > 8_000))
+        assert eventually(lambda: process.poll() is not None or (log.exists() and log.stat().st_size > TICKING))
         disturb(process, emulator_of(process))
         out, err = process.communicate(timeout=200)
     finally:
