@@ -62,7 +62,7 @@ LAMP: Mapping[str, Range] = {
     "mass_scale": Range("1", 0.5, 2.0),  # all link masses, times this
     "contact_softness": Range("1", 1.0, 5.0, 1.0),  # time constant of the foot's contact with the floor, times this
     "supply_resistance": Range("Ohm", 0.0, 1.0, 0.0),  # of the supply and its leads, which all servos share: sag
-    "arm_stiffness": Range("Nm/rad", 5.0, 60.0, math.inf),  # of each arm link in bending; left out: rigid
+    "arm_stiffness": Range("Nm/rad", 5.0, math.inf, math.inf),  # between each servo and what it turns; left out: rigid
 }
 """Parameters of the lamp as a whole."""
 

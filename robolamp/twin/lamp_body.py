@@ -83,7 +83,7 @@ class Body:
     @property
     def velocity(self) -> NDArray[np.float64]:
         """True joint velocities, shape (n,) [rad/s]."""
-        return self.data.qvel[self._twin.dof]
+        return self._motors.velocity[0]
 
     @property
     def torque(self) -> NDArray[np.float64]:

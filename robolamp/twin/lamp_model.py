@@ -17,8 +17,10 @@ from robolamp.calibration import SERVO, Calibration
 from robolamp.errors import FileError
 from robolamp.files import read_bytes
 from robolamp.lamp import Lamp
-from robolamp.twin.gears import BENDING_STEP, GearBuilder, Gears
+from robolamp.twin.gears import Gears, add_gears
 from robolamp.twin.servo import ServoParameters, set_motor
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,8 @@ class Bend:
         delay: Added to the servos' delay, which stays within what a calibration may hold [s].
         supply: Added to the supply voltage [V].
         backlash: Play of the gears, added to the joints' own [rad].
-        stiffness: Of each arm link, in series with the calibrated one [Nm/rad]; infinite: no softer.
+        stiffness: Between each servo and what it turns, in series with the calibrated one [Nm/rad]; infinite: no
+            softer.
     """
 
     strength: NDArray[np.float64] | float = 1.0
@@ -83,7 +86,7 @@ class TwinModel:
         qpos: Position address of each joint, shape (n,).
         dof: Degree of freedom of each joint, shape (n,).
         actuator: Actuator of each joint, shape (n,).
-        gears: What the motors turn: the joints themselves, or rotors that have play.
+        gears: Where the joints' play and bending are.
         supply_resistance: Of the supply that all servos share [Ohm].
         foot_sensor: Address of the foot's touch sensor in `sensordata`.
         foot_radius: Radius of the round foot [m].
@@ -148,11 +151,11 @@ def _bent(servos: ServoParameters, bend: Bend) -> ServoParameters:
     )
 
 
-def _gears(lamp: Lamp, calibration: Calibration, bend: Bend) -> GearBuilder:
-    """Return the builder of a bent lamp's gears and arm links."""
+def _yielding(lamp: Lamp, calibration: Calibration, bend: Bend) -> tuple[Array, Array]:
+    """Return the play [rad] and the stiffness [Nm/rad] of a bent lamp's joints, shape (n,) each."""
     play = np.array([calibration.joint(name, "backlash") for name in lamp.names]) + bend.backlash
     softer, harder = sorted([calibration.lamp("arm_stiffness"), bend.stiffness])
-    return GearBuilder(lamp.names, play, softer if math.isinf(harder) else softer * harder / (softer + harder))
+    return play, np.full(len(play), softer if math.isinf(harder) else softer * harder / (softer + harder))
 
 
 def _raise_pole(spec: mujoco.MjSpec, pole: Pole) -> None:
@@ -197,7 +200,7 @@ def build(
         calibration: The numbers.
         assets: Where the model file is.
         bend: How this lamp differs from the calibrated one.
-        timestep: Physics step [s]; None: the model's own. Where arm links bend it is at most `BENDING_STEP`.
+        timestep: Physics step [s]; None: the model's own. With play or bending it is at most `YIELDING_STEP`.
         pole: A pole across its way; None: a free desk.
         clamped: Whether the base is clamped to the desk.
         reshape: Changes the specification last, before it is compiled: what a calibration cannot express.
@@ -215,9 +218,8 @@ def build(
         raise FileError(f"not a MuJoCo model: {' '.join(str(error).split())}", str(path)) from None
     if timestep is not None:
         spec.option.timestep = timestep
-    builder = _gears(lamp, calibration, bend)
-    if builder.bends:
-        spec.option.timestep = min(spec.option.timestep, BENDING_STEP)
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_EULERDAMP  # see `robolamp.twin.gears`
     servos = _bent(ServoParameters.of(lamp, calibration), bend)
     voltage = calibration.lamp("supply_voltage") + bend.supply
     table = servos.table
@@ -251,11 +253,10 @@ def build(
         if geom.name in ("floor", "foot"):
             geom.friction[0] = friction
             geom.solref[0] *= calibration.lamp("contact_softness")
-    builder.reshape(spec)
+    add_gears(spec, lamp.names, *_yielding(lamp, calibration, bend))
     if reshape is not None:
         reshape(spec)
     model = spec.compile()
-    gears = builder.finish(model)
     for joint in lamp.joints:
         link, body = calibration.joint(joint.name, "link_mass"), model.joint(joint.name).bodyid
         model.body_mass[body] *= link
@@ -274,7 +275,7 @@ def build(
         qpos=np.array([model.joint(name).qposadr[0] for name in lamp.names]),
         dof=np.array([model.joint(name).dofadr[0] for name in lamp.names]),
         actuator=np.array([model.actuator(name).id for name in lamp.names]),
-        gears=gears,
+        gears=Gears.of(model, lamp.names),
         supply_resistance=calibration.lamp("supply_resistance"),
         foot_sensor=int(model.sensor("foot_force").adr[0]),
         foot_radius=float(model.geom("foot").size[0]),

@@ -2,8 +2,8 @@
 
 The laws of one servo are `robolamp.twin.servo`'s. Here they meet a physics: the motors' gains under heat, saturation
 and a supply that all servos of a lamp share, friction under load, the goals' delay, and gears with play
-(`robolamp.twin.gears`), where a motor turns its rotor but regulates what the encoder reads of the output. Twin, fleet,
-bank, bench and the emulated lamp and pendulum all step through it; one lane is the same code as many.
+(`robolamp.twin.gears`), where a motor turns its joint but regulates what the encoder reads behind the play. Twin,
+fleet, bank, bench and the emulated lamp and pendulum all step through it; one lane is the same code as many.
 """
 
 from __future__ import annotations
@@ -104,7 +104,6 @@ class Views:
         loss: `dof_frictionloss`, shape (k, nv) [Nm]; written to.
         gains: `actuator_gainprm`, shape (k, nu, 10 or more); written to. Of no lanes where all motors stay as compiled.
         viscous: `actuator_damping`, shape (k, nu, ...); written to. Of no lanes where it depends on no temperature.
-        damping: `tendon_damping`, shape (k, tendons, ...); written to where springs have play.
     """
 
     qpos: Array
@@ -115,7 +114,6 @@ class Views:
     loss: Array
     gains: Array
     viscous: Array
-    damping: Array
 
     @classmethod
     def of_batch(cls, batch: Batch, twins: Sequence[Driven], *, gains: bool = False) -> Views:
@@ -129,13 +127,11 @@ class Views:
         bind = batch.bind
         gains = gains or any(twin.servos.weakens or twin.supply_resistance > 0.0 for twin in twins)
         thickens = any(twin.servos.viscous_temperature.any() for twin in twins)
-        springy = twins[0].gears.springy.any()
         return cls(
             bind("qpos"), bind("qvel"), bind("ctrl"), bind("qfrc_actuator"), bind("qfrc_bias"),
             loss=batch.expand("dof_frictionloss"),
             gains=batch.expand("actuator_gainprm") if gains else np.empty((0, 0, 0)),
             viscous=batch.expand("actuator_damping") if thickens else np.empty((0, 0)),
-            damping=batch.expand("tendon_damping") if springy else np.empty((0, 0)),
         )  # fmt: skip
 
     @classmethod
@@ -144,7 +140,7 @@ class Views:
         return cls(
             data.qpos[None], data.qvel[None], data.ctrl[None], data.qfrc_actuator[None], data.qfrc_bias[None],
             loss=model.dof_frictionloss[None], gains=model.actuator_gainprm[None],
-            viscous=model.actuator_damping[None], damping=model.tendon_damping[None],
+            viscous=model.actuator_damping[None],
         )  # fmt: skip
 
 
@@ -178,11 +174,11 @@ class Motors:
         variant = np.arange(len(twins)) if variant is None else variant
         shape = lanes, n = len(variant), len(twin.dof)
         self._views, self._gears, self._qpos = views, twin.gears, twin.qpos
-        self._where = np.stack([twin.qpos, twin.gears.qpos, twin.dof, twin.gears.dof, twin.actuator])
+        self._dof = twin.dof
+        self._where = np.stack([twin.gears.play, twin.dof, twin.actuator])
         self._table = np.stack([each.servos.table for each in twins])[variant]
         self._supply = np.array([each.supply_resistance for each in twins])[variant]
         self._thickens = any(each.servos.viscous_temperature.any() for each in twins)
-        self._slack = np.stack([each.gears.slack for each in twins])[variant]
         self._every = np.arange(lanes)
         self.p_gain = np.stack([each.p_gain for each in twins])[variant]
         self.full = np.repeat(np.array([[each.voltage] for each in twins])[variant], n, axis=1)
@@ -199,22 +195,27 @@ class Motors:
         self.goal = np.zeros(shape)
         self._sent = np.zeros((lanes, n, int(self._steps.max()) + 2))
         self._head = 0
-        self._springs = twin.gears.springs[twin.gears.springy]
-        self._damping = np.array([each.gears.damping for each in twins])[variant]
+        self._plays = twin.gears.play >= 0
 
     @property
     def angle(self) -> Array:
         """Angles at the servos' horns, where the encoders are, shape (k, n) [rad]."""
-        angle = self._views.qpos[:, self._qpos]
-        if not self._gears.springy.any():
-            return angle
-        rotor = self._views.qpos[:, self._gears.qpos]
-        return np.clip(angle, rotor - self._slack, rotor + self._slack)
+        return self._with_play(self._views.qpos, self._qpos, self._gears.play)
+
+    @property
+    def velocity(self) -> Array:
+        """Speeds at the servos' horns, shape (k, n) [rad/s]."""
+        return self._with_play(self._views.qvel, self._dof, self._gears.play_dof)
+
+    def _with_play(self, values: Array, joint: Indices, play: Indices) -> Array:
+        found = values[:, joint]
+        found[:, self._plays] += values[:, play[self._plays]]
+        return found
 
     @property
     def torque(self) -> Array:
         """Motor torques before friction, shape (k, n) [Nm]."""
-        return self._views.motor[:, self._gears.dof]
+        return self._views.motor[:, self._dof]
 
     @property
     def winding_current(self) -> Array:
@@ -237,16 +238,14 @@ class Motors:
         return np.abs(self.duty) * self.winding_current
 
     def place(self, angle: Array) -> None:
-        """Put joints and what turns them to angles, shape (n,) or (k, n) [rad], at rest."""
-        for address in (self._qpos, self._gears.qpos):
-            self._views.qpos[:, address] = angle
+        """Put joints to angles, shape (n,) or (k, n) [rad], at rest, in the middle of their play and not bent."""
+        self._views.qpos[:, self._qpos] = angle
+        for address in (self._gears.play, self._gears.bending):
+            self._views.qpos[:, address[address >= 0]] = 0.0
 
     def turn(self, angle: Array) -> None:
         """Turn joints until their horns are at angles, shape (n,) [rad]; gears stay pushed, links bent."""
-        by = angle - self.angle
-        self._views.qpos[:, self._qpos] += by
-        parted = self._gears.parted
-        self._views.qpos[:, self._gears.qpos[parted]] += by[:, parted]
+        self._views.qpos[:, self._qpos] += angle - self.angle
 
     def forget(self, goal: Array | float, joints: int | slice = slice(None)) -> None:
         """Let goals, shape (k, n) [rad] or one for all, have been told to joints all along."""
@@ -264,7 +263,7 @@ class Motors:
         Args:
             lanes: Which lanes will be stepped; None: all. What has fallen in a fleet costs nothing from then on.
         """
-        views, gears = self._views, self._gears
+        views = self._views
         lanes = self._every if lanes is None else lanes
         if len(views.gains):
             _feed(
@@ -273,14 +272,10 @@ class Motors:
             )  # fmt: skip
         if self._thickens:
             _thicken(lanes, self._where, self._table, self.temperature, views.viscous)
-        if self._springs.size:
-            gap = np.abs(views.qpos[:, gears.qpos] - views.qpos[:, self._qpos])
-            beyond = (gap > self._slack)[:, gears.springy]
-            views.damping[:, self._springs] = self._damping[:, None] * beyond
         self._head = (self._head + 1) % self._sent.shape[2]
         _regulate(
-            lanes, self._where, self._table, views.motor, views.bias, views.qpos, views.qvel, self.held, self.goal,
-            self._sent, self._head, self._steps, self._part, self._slack, self.misreading, self.by_duty, self.voltage,
+            lanes, self._where, self._qpos, self._table, views.motor, views.bias, views.qpos, views.qvel, self.held,
+            self.goal, self._sent, self._head, self._steps, self._part, self.misreading, self.by_duty, self.voltage,
             self._speed, views.loss, views.ctrl,
         )  # fmt: skip
 
@@ -310,8 +305,8 @@ def _feed(
 
     Args:
         lanes: Which, of k.
-        where: Position address of each joint and of what its motor turns, the degrees of freedom of both, and the
-            actuator, shape (5, n).
+        where: Position address of each joint's play or -1, the joint's degree of freedom, and its actuator, shape
+            (3, n).
         table: `ServoParameters.table` of each lane, shape (k, n, parameters).
         motor: See `Views`.
         velocity: `Views.qvel`.
@@ -330,7 +325,7 @@ def _feed(
         lane = lanes[index]
         drawn = 0.0
         for joint in range(where.shape[1]):
-            servo, dof = table[lane, joint], where[3, joint]
+            servo, dof = table[lane, joint], where[1, joint]
             torque, speed, share = motor[lane, dof], velocity[lane, dof], driven[lane, joint]
             if supply[lane] == 0.0:
                 voltage[lane, joint] = max(full[lane, joint], LEAST_VOLTAGE)
@@ -349,7 +344,7 @@ def _feed(
                 voltage[lane, joint] = max(full[lane, joint] - supply[lane] * drawn, LEAST_VOLTAGE)
             volts = voltage[lane, joint]
             gain = 1.0 if by_duty[lane, joint] else voltage_gain(servo, p_gain[lane, joint], volts)
-            row = gainprm[lane, where[4, joint]]
+            row = gainprm[lane, where[2, joint]]
             write_motor(row, servo, resistance[lane, joint], gain, volts * limit[lane, joint])
 
 
@@ -359,13 +354,14 @@ def _thicken(lanes: Indices, where: Indices, table: Array, temperature: Array, d
     for index in range(lanes.shape[0]):
         lane = lanes[index]
         for joint in range(where.shape[1]):
-            damping[lane, where[4, joint]] = viscous_friction(table[lane, joint], temperature[lane, joint])
+            damping[lane, where[2, joint]] = viscous_friction(table[lane, joint], temperature[lane, joint])
 
 
 @njit(nogil=True, error_model="numpy")
 def _regulate(
     lanes: Indices,
     where: Indices,
+    position: Indices,
     table: Array,
     motor: Array,
     bias: Array,
@@ -377,7 +373,6 @@ def _regulate(
     head: int,
     steps: Indices,
     part: Array,
-    slack: Array,
     misreading: Array,
     by_duty: NDArray[np.bool_],
     voltage: Array,
@@ -387,12 +382,12 @@ def _regulate(
 ) -> None:
     """Write friction and controls of some lanes: let motors regulate what encoders read, after the servos' delay.
 
-    An actuator regulates what its motor turns, so its control is the delayed goal plus what that is ahead of what the
-    encoder reads.
+    An actuator regulates its joint, so its control is the delayed goal less what the encoder reads beyond the joint.
 
     Args:
         lanes: Which, of k.
         where: See `_feed`.
+        position: Position address of each joint, shape (n,).
         table: See `_feed`.
         motor: See `Views`.
         bias: See `Views`.
@@ -404,7 +399,6 @@ def _regulate(
         head: Where in it this step's goal belongs.
         steps: Whole physics steps of each servo's delay, shape (k, n).
         part: The rest of it, in steps, shape (k, n): the goals before and after are mixed.
-        slack: Half the play of joints whose link bends behind it, else infinite, shape (k, n) [rad].
         misreading: See `Motors`.
         by_duty: See `Motors`.
         voltage: See `Motors`.
@@ -415,24 +409,20 @@ def _regulate(
     for index in range(lanes.shape[0]):
         lane = lanes[index]
         for joint in range(where.shape[1]):
-            output, dof = where[2, joint], where[3, joint]
+            play, dof = where[0, joint], where[1, joint]
             speed = velocity[lane, dof]
             formed[lane, joint] = speed
-            friction = friction_loss(table[lane, joint], motor[lane, dof], -bias[lane, output], speed)
-            loss[lane, output] = HAND if held[lane, joint] else 0.0
-            if dof != output or not held[lane, joint]:
-                loss[lane, dof] = friction
+            friction = friction_loss(table[lane, joint], motor[lane, dof], -bias[lane, dof], speed)
+            loss[lane, dof] = HAND if held[lane, joint] else friction
             ring, back = sent[lane, joint], steps[lane, joint]
             ring[head] = goal[lane, joint]
             newer, older = ring[head - back], ring[head - back - 1]  # below 0: from the ring's end on
             late = newer + part[lane, joint] * (older - newer)
-            rotor = qpos[lane, where[1, joint]]
             if by_duty[lane, joint]:
-                ctrl[lane, where[4, joint]] = rotor + late * voltage[lane, joint]
+                ctrl[lane, where[2, joint]] = qpos[lane, position[joint]] + late * voltage[lane, joint]
                 continue
-            output_angle = qpos[lane, where[0, joint]]
-            horn = min(max(output_angle, rotor - slack[lane, joint]), rotor + slack[lane, joint])
-            ctrl[lane, where[4, joint]] = late + rotor - horn - misreading[lane, joint]
+            beyond = misreading[lane, joint] + (qpos[lane, play] if play >= 0 else 0.0)
+            ctrl[lane, where[2, joint]] = late - beyond
 
 
 @njit(nogil=True, error_model="numpy")

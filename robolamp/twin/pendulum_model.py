@@ -67,7 +67,7 @@ class PendulumTwin:
     # Whoever steps it says what supply and register it has.
     voltage, supply_resistance, p_gain = 1.0, 0.0, np.ones(1)
     qpos = dof = actuator = np.zeros(1, np.int64)
-    gears = Gears.rigid(qpos, dof)
+    gears = Gears.rigid(len(dof))
 
     @property
     def timestep(self) -> float:

@@ -36,19 +36,21 @@ def swing(reality: Reality) -> tuple[Array, Array]:
 
 
 def link(client: Client, joint: int) -> float:
-    plant = client.lamp.plant
-    return float(plant._data.qpos[plant._twin.qpos[joint]])
+    """The angle of a link: its joint's, with play and bending."""
+    data, twin = client.lamp.plant._data, client.lamp.plant._twin
+    behind = [address[joint] for address in (twin.gears.play, twin.gears.bending) if address[joint] >= 0]
+    return float(data.qpos[[twin.qpos[joint], *behind]].sum())
 
 
 def rotor(client: Client, joint: int) -> float:
     plant = client.lamp.plant
-    return float(plant._data.qpos[plant._twin.gears.qpos[joint]])
+    return float(plant._data.qpos[plant._twin.qpos[joint]])
 
 
 def push(client: Client, joint: int, torque: float) -> float:
     """Take a link's weight off it and push it by a torque [Nm]; where it comes to rest [rad]."""
     plant = client.lamp.plant
-    dof = plant._twin.dof[joint]
+    dof = plant._twin.gears.dofs(plant._twin.dof)[joint]
     plant._data.qfrc_applied[dof] = plant._data.qfrc_bias[dof] + torque
     client.wait(0.2)
     return link(client, joint)
@@ -67,7 +69,7 @@ def test_a_motor_that_turns_back_crosses_the_play_before_the_link_moves() -> Non
         client = standing(Client(replace(NONE, backlash=np.array([0.0, 0.0, 0.03]))))
         push(client, 2, 0.01)
         plant = client.lamp.plant
-        plant._data.qfrc_applied[plant._twin.dof[2]] -= 0.01
+        plant._data.qfrc_applied[plant._twin.gears.dofs(plant._twin.dof)[2]] -= 0.01
         at = link(client, 2)
         start = rotor(client, 2)
         client.go([0.0, 0.0, goal])
@@ -150,18 +152,21 @@ def test_a_bending_link_sinks_under_its_load_and_no_encoder_tells() -> None:
     head = [client.lamp.plant._data.site("head").xpos[2] for client in (rigid, soft)]
     assert head[0] - head[1] > 0.001
     plant = soft.lamp.plant
-    bent = plant._data.qpos[plant._twin.qpos] - plant.angle
-    assert np.abs(bent).max() > 0.004
+    assert np.abs(plant._data.qpos[plant._twin.gears.bending]).max() > 0.004
     assert soft.angles() == pytest.approx(plant.angle.tolist(), abs=RAD_PER_COUNT)
 
 
 def test_play_and_bending_at_one_joint() -> None:
     client = standing(Client(replace(NONE, stiffness=20.0, backlash=0.02)))
     plant = client.lamp.plant
-    links, rotors = plant._data.qpos[plant._twin.qpos], plant._data.qpos[plant._twin.gears.qpos]
-    away = np.abs(links - rotors)
-    assert away[1] > 0.01 + 1e-3  # the knee's link bends beyond the play under its load
-    np.testing.assert_allclose(np.abs(plant.angle - rotors)[:2], np.minimum(0.01, away)[:2], atol=1e-9)
+    gears, knee = plant._twin.gears, 1
+    play, bending = plant._data.qpos[gears.play[knee]], plant._data.qpos[gears.bending[knee]]
+    assert abs(play) == pytest.approx(
+        0.01, abs=1e-3
+    )  # its load pushes it to the end of its play, and bends what follows
+    assert abs(bending) > 3e-3
+    assert play * bending > 0.0
+    assert plant.angle[knee] == pytest.approx(rotor(client, knee) + play)
     assert client.angles() == pytest.approx(plant.angle.tolist(), abs=RAD_PER_COUNT)
 
 

@@ -65,6 +65,7 @@ class Plant:
         self._motors = Motors([replace(twin, supply_resistance=0.0)], Views.of_one(twin.model, data))
         self._driver = Driver(self._motors)
         self._held = self._motors.held[0]
+        self._turning = twin.gears.dofs(twin.dof)
         self._held[:] = True
         self._steps = 0
         self._known: tuple[Array, Array] | None = None  # duties and currents: servos ask often
@@ -97,7 +98,7 @@ class Plant:
     @property
     def velocity(self) -> Array:
         """Joint velocities, shape (n,) [rad/s]."""
-        return self._data.qvel[self._twin.dof]
+        return self._motors.velocity[0]
 
     @property
     def torque(self) -> Array:
@@ -133,7 +134,7 @@ class Plant:
         """Set what a servo does to its motor from the next step on, and take the hand off it; see `Driver.drive`."""
         if drive.torque and self._held[joint]:
             self._held[joint] = False
-            self._data.qfrc_applied[self._twin.dof[joint]] = 0.0
+            self._data.qfrc_applied[self._turning[joint]] = 0.0
         self._driver.drive(joint, drive, late)
 
     def warm(self, temperature: Array) -> None:
@@ -162,7 +163,7 @@ class Plant:
             self._motors.misreading[0] = self.reading - self.angle
         self._motors.before_step()
         if self._held.any():
-            held = self._twin.dof[self._held]
+            held = np.concatenate([self._turning[joint] for joint in np.flatnonzero(self._held)])
             data.qfrc_applied[held] = data.qfrc_bias[held]  # a hand carries the weight too: friction alone creeps
         before = data.time
         mujoco.mj_step(self._model, data)

@@ -21,10 +21,9 @@ on its own or for the whole lamp (N: normal, cut off at 2.5 standard deviations;
 | foot gain, offset, drift | N(1, 0.03), N(0, 0.05) N, N(0, 1) mN/s | load cells |
 | foot noise, dead time | U(10, 50) mN, U(0, 4) ms | |
 | floor friction, tilt, softness | exp N(0, 0.15), N(0, 8) mrad, 1 + U(0, 1.5) | desks |
-| stiffness of each arm link | exp U(ln 20, ln 50) Nm/rad | servo horns on printed parts |
+| stiffness behind each servo | exp U(ln 20, ln 50) Nm/rad | servo horns on printed parts |
 
-All of it is chosen, not measured. `scale` multiplies each deviation from off (and divides the stiffness, up to
-60 Nm/rad).
+All of it is chosen, not measured. `scale` multiplies each deviation from off (and divides the stiffness).
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.emulator.reality.reality import AIR, STIFFEST, Reality
+from robolamp.emulator.reality.reality import AIR, Reality
 from robolamp.errors import FileError
 from robolamp.lamp import Lamp
 
@@ -108,7 +107,7 @@ def random_reality(lamp: Lamp, seed: int, scale: float = 1.0) -> Reality:
         floor_friction=math.exp(one(normal(0.15, size=1))),
         floor_tilt=one(normal(8e-3, size=1)),
         floor_softness=1.0 + one(uniform(0.0, 1.5, 1)),
-        stiffness=min(stiffness / scale, STIFFEST) if scale else math.inf,
+        stiffness=stiffness / scale if scale else math.inf,
     )
 
 

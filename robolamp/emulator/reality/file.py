@@ -47,7 +47,7 @@ A TOML file of sim/lamp/realities/; every value is optional, and off unless it i
     floor_tilt = 0.0             # rad, positive: the floor rises ahead
     floor_softness = 1.0         # time constant of contacts, times this
     mass = 1.0                   # all masses, times this
-    stiffness = 40.0             # Nm/rad, of each arm link, which else is rigid
+    stiffness = 40.0             # Nm/rad, between each servo and what it turns, which else is rigid
 
 In place of a file, "random:7" is the reality that `robolamp.emulator.reality.draw.random_reality` draws with seed 7
 ("random:7:0.5" with half of everything), and "knob:backlash:7" the one with a single knob bent, by `random_knob`.
@@ -63,7 +63,7 @@ from numpy.typing import NDArray
 
 from robolamp.assets import Assets
 from robolamp.emulator.reality.draw import drawn
-from robolamp.emulator.reality.reality import AIR, NONE, STIFFEST, Reality
+from robolamp.emulator.reality.reality import AIR, NONE, Reality
 from robolamp.files import Table, read_toml
 from robolamp.lamp import Lamp
 
@@ -114,7 +114,7 @@ _WHOLE: dict[str, dict[str, tuple[str, float, float, float, str]]] = {
         "floor_tilt": ("floor_tilt", -0.3, 0.3, 0.0, "rad"),
         "floor_softness": ("floor_softness", 1.0, 5.0, 1.0, ""),
         "mass": ("mass", 0.2, 5.0, 1.0, ""),
-        "stiffness": ("stiffness", 5.0, STIFFEST, math.inf, "Nm/rad"),
+        "stiffness": ("stiffness", 5.0, math.inf, math.inf, "Nm/rad"),
     },
 }
 """Of each table: key to attribute of `Reality`, smallest and largest legal value, value that is off, unit."""

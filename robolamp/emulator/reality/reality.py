@@ -16,9 +16,6 @@ NONE = "none"
 AIR = 30.0
 """Of the air around the servos, unless a reality says otherwise [degC]; calibrated resistances hold there."""
 
-STIFFEST = 60.0
-"""Largest stiffness of an arm link: up to here it was tried whether the physics stays stable [Nm/rad]."""
-
 PerJoint = NDArray[np.float64] | float
 
 
@@ -63,7 +60,7 @@ class Reality:
         foot_dead_time: Age of the force in each foot reading [s].
         floor_tilt: Slope of the floor, positive where it rises ahead [rad].
         floor_softness: Time constant of all contacts, times this.
-        stiffness: Of each arm link in bending [Nm/rad]; infinite: rigid.
+        stiffness: Between each servo and what it turns [Nm/rad]; infinite: rigid.
     """
 
     name: str

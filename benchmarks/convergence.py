@@ -1,0 +1,144 @@
+"""Whether what is simulated depends on the step: where a hop lands at h, h/2 and h/4, rigid and with springs and play.
+
+    python benchmarks/convergence.py [--starts 20] [--stiffness 20 100 inf] [--play 0 5] [--steps 1 0.5 0.25]
+    python benchmarks/convergence.py --knobs [--starts 20]
+
+The lamp is sent the goals of a hop that was recorded once for 20, 40 and 60 cm (tests/data/frozen_hop.csv), so nothing
+but the physics decides where it lands. Each line is a lamp and a step: the median landing [cm] over slightly different
+starts and, where some fell, how many. Landings of the lamps that are chaotic differ by their starts; the column after
+each says by how much (standard deviation).
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robolamp.assets import Assets
+from robolamp.calibration import load_calibration
+from robolamp.emulator.reality.mechanics import Bender
+from robolamp.emulator.reality.reality import Reality
+from robolamp.lamp import load_lamp
+from robolamp.twin.fleet import Fleet, Job
+from robolamp.twin.lamp_model import Bend, TwinModel, build
+
+GOALS = (0.2, 0.4, 0.6)
+"""How far the recorded hops were sent [m]."""
+
+PERIOD = 0.02
+"""Of the recorded goals [s]."""
+
+_NUDGE = 0.002  # rad: by how much the first goals of the starts differ, from first to last
+_NUDGED = 5  # ticks
+_UPRIGHT = math.cos(math.radians(70.0))
+
+KNOBS: dict[str, tuple[float, float]] = {
+    "strength": (0.8, 1.2), "friction": (0.5, 2.0), "coulomb": (0.5, 2.0), "viscous": (0.5, 2.0),
+    "stribeck": (0.5, 2.0), "stribeck_velocity": (0.5, 2.0), "load_friction": (0.5, 1.5),
+    "armature": (0.7, 1.5), "link_mass": (0.9, 1.1),
+    "mass": (0.9, 1.1), "delay": (-0.003, 0.003), "supply": (-0.5, 0.5), "floor_friction": (0.5, 1.5),
+    "floor_tilt": (-0.03, 0.03), "floor_softness": (1.5, 3.0),
+}  # fmt: skip
+"""Of a reality: what is tried of each."""
+
+Array = NDArray[np.float64]
+
+
+def frozen_hop(goal: float) -> Array:
+    """Return the goals of the hop that was sent to a goal of `GOALS`, shape (ticks, 3) [rad]."""
+    path = Path(__file__).resolve().parents[1] / "tests/data/frozen_hop.csv"
+    first = 3 * GOALS.index(goal)
+    return np.loadtxt(path, delimiter=",", skiprows=1)[:, first : first + 3]
+
+
+def lamp(step: float, stiffness: float = math.inf, play: float = 0.0) -> TwinModel:
+    """Return the nominal lamp with other gears.
+
+    Args:
+        step: Physics step [s].
+        stiffness: Between each servo and what it turns [Nm/rad].
+        play: Of each joint [rad].
+    """
+    assets = Assets()
+    bend = Bend(backlash=play, stiffness=stiffness)
+    return build(load_lamp(assets), load_calibration(assets), assets, bend, timestep=step)
+
+
+def bent(step: float, knob: str, value: float) -> TwinModel:
+    """Return the nominal lamp with one thing changed.
+
+    Args:
+        step: Physics step [s].
+        knob: An attribute of `Reality`.
+        value: Of it.
+    """
+    assets = Assets()
+    lamp = load_lamp(assets)
+    bender = Bender(lamp, replace(Reality.none(lamp), **{knob: value}))
+    twin = build(lamp, load_calibration(assets), assets, bender.bend, timestep=step, reshape=bender.reshape)
+    return bender.finish(twin).twin
+
+
+def landings(twin: TwinModel, goal: float, starts: int = 1) -> Array:
+    """Return where a lamp lands, from slightly different starts, shape (starts,) [m]; NaN where it falls."""
+    fleet, goals = Fleet([twin], PERIOD, 1), frozen_hop(goal)
+    found = []
+    for start in range(starts):
+        sent = goals.copy()
+        sent[:_NUDGED] += _NUDGE * (start / max(starts - 1, 1) - 0.5) if starts > 1 else 0.0
+        qpos = fleet.play(Job(0, 0, goal), sent, len(sent))
+        upright = 1.0 - 2.0 * (qpos[:, 4] ** 2 + qpos[:, 5] ** 2)
+        found.append(qpos[-1, 0] - qpos[0, 0] if upright.min() > _UPRIGHT else math.nan)
+    return np.array(found)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--starts", type=int, default=20)
+    parser.add_argument("--stiffness", type=float, nargs="+", default=[20, 40, 100, 200, 400, 1000, 10_000, math.inf])
+    parser.add_argument("--play", type=float, nargs="+", default=[0, 2, 5, 10], help="[mrad]")
+    parser.add_argument("--steps", type=float, nargs="+", help="[ms]; by default those of each lamp")
+    parser.add_argument("--knobs", action="store_true", help="the other things that a reality changes")
+    options = parser.parse_args()
+    print(f"{'':30}step [ms]" + "".join(f"{goal * 100:14.0f} cm" for goal in GOALS))
+    if options.knobs:
+        for knob, values in KNOBS.items():
+            for value in values:
+                compare(f"{knob} {value:g}", options, [2, 1, 0.5], lambda step, k=knob, v=value: bent(step, k, v))
+        return
+    for stiffness in options.stiffness:
+        for play in options.play:
+            steps = [4, 2, 1, 0.5] if math.isinf(stiffness) and not play else [1, 0.5, 0.25]
+            compare(
+                f"{stiffness:g} Nm/rad, {play:g} mrad", options, steps,
+                lambda step, k=stiffness, p=play: lamp(step, k, p / 1e3),
+            )  # fmt: skip
+
+
+def compare(name: str, options: argparse.Namespace, steps: Sequence[float], make: Callable[[float], TwinModel]) -> None:
+    """Print a line for each step [ms] of a lamp."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for step in options.steps or steps:
+            twin = make(step / 1e3)
+            found = pool.map(lambda goal, twin=twin: landings(twin, goal, options.starts), GOALS)
+            print(f"{name:30}{step:9g}" + "".join(map(_told, found)), flush=True)
+
+
+def _told(landed: Array) -> str:
+    stood = 100.0 * landed[~np.isnan(landed)]
+    fell = len(landed) - len(stood)
+    middle = f"{np.median(stood):.1f} ({np.std(stood):.1f})" if len(stood) else "none stood"
+    return f"{middle}{f' {fell}F' if fell else '':4}".rjust(17)
+
+
+if __name__ == "__main__":
+    main()
