@@ -16,7 +16,7 @@ from robolamp.errors import FileError, RobolampError
 
 if TYPE_CHECKING:
     from robolamp.compare.comparison import Comparison
-    from robolamp.compare.folder.runs import Folder
+    from robolamp.compare.folder.folder_runs import Folder
 
 
 def compare(
@@ -72,8 +72,8 @@ def compare(
     if run.is_dir():
         if other is not None or truth is not None:
             raise RobolampError("is for logs; a folder is compared by itself", "--truth" if truth else str(other))
-        from robolamp.compare.folder.report import write_folder_report
-        from robolamp.compare.folder.runs import compare_folder
+        from robolamp.compare.folder.folder_report import write_folder_report
+        from robolamp.compare.folder.folder_runs import compare_folder
 
         folder = compare_folder(run, assets=assets, calibration=numbers, tolerances=allowed)
         report = output or run / "compare.html"
@@ -116,7 +116,7 @@ def compare(
 
 
 def _tell(result: Comparison) -> None:
-    from robolamp.compare.report.page import sentence, three
+    from robolamp.compare.report.comparison_page import sentence, three
 
     for asked, word, why in three(result):
         print(f"{asked:<38} {word}. {why}".rstrip())

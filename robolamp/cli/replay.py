@@ -92,7 +92,7 @@ def _page(path: Path, truth_path: Path | None, setup: Setup) -> str:
     from robolamp.compare.replay_scene import playback_of
     from robolamp.log.mcap_stream import read_contents
     from robolamp.log.reader import prefix_in, run_of
-    from robolamp.player.page import page
+    from robolamp.player.player_page import page
 
     if not path.name:
         raise FileError("is a folder; expected a log (.mcap)", str(path))

@@ -17,8 +17,8 @@ from robolamp.cli.screen.output import counted, print_json
 from robolamp.errors import RobolampError
 from robolamp.evolve.progress import Generation
 from robolamp.evolve.study.plan import HERE, STUDIES, TASK, Order, Point, chosen_points, orders, settled
-from robolamp.evolve.study.report import Report, Reporter
-from robolamp.evolve.study.runs import Scale, Shelf, carry_out
+from robolamp.evolve.study.study_report import Report, Reporter
+from robolamp.evolve.study.study_runs import Scale, Shelf, carry_out
 from robolamp.files import suffix_of
 
 _SPEED_OVER = 3600.0  # time left is reckoned from this long a while [s]: runs differ

@@ -23,7 +23,7 @@ from robolamp.compare.divergence import parting, plain, residuals, spectrum
 from robolamp.compare.goal_replay import Replay, replay
 from robolamp.compare.landing import Landing, landing_of
 from robolamp.compare.pauses import origin
-from robolamp.compare.report.page import write_report
+from robolamp.compare.report.comparison_page import write_report
 from robolamp.compare.run_ending import ending_of
 from robolamp.compare.sensed_flights import flights, hops
 from robolamp.compare.task_verdict import task_of

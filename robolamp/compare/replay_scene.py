@@ -9,7 +9,7 @@ import numpy as np
 from robolamp.compare.goal_replay import Replay
 from robolamp.compare.logged_motion import lamp_motion, twin_motion
 from robolamp.log.reader import Run, Truth
-from robolamp.player.page import Chart, Motion, Playback, Series
+from robolamp.player.player_page import Chart, Motion, Playback, Series
 from robolamp.player.scene import poses_of, scene_of
 
 _FRAME = 0.02  # time between two frames; the player moves smoothly from one to the next [s]

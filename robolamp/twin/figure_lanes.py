@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from robolamp.jit import njit
 from robolamp.twin.figure_judge import FigureJudge, FigureOutcome, way_to_goal
 from robolamp.twin.figure_model import FigureTwin
+from robolamp.twin.lane_runs import Job, Runs, RunSettings
 from robolamp.twin.lanes import Lanes, Variants
-from robolamp.twin.runs import Job, Runs, RunSettings
 
 _POSITION_TIME = 0.05  # a figure driven by position asks its motors for error / this [s]: five of the paper's steps
 _TIME, _QPOS, _SENSOR, _POINT, _AHEAD, _LEFT, _DISTANCE = range(7)

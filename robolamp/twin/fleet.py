@@ -20,9 +20,9 @@ from robolamp.twin.figure_lanes import FigureRuns
 from robolamp.twin.figure_model import FigureTwin, Twin
 from robolamp.twin.key_poses import KeyPose
 from robolamp.twin.lamp_lanes import LampRuns
+from robolamp.twin.lane_runs import Job, Runs, RunSettings
 from robolamp.twin.lanes import Variants, deal
 from robolamp.twin.run_outcome import RunOutcome
-from robolamp.twin.runs import Job, Runs, RunSettings
 from robolamp.twin.trace import Trace
 
 _LANES_AT_ONCE = 6000  # about 67 MB of simulation state

@@ -15,9 +15,9 @@ from robolamp.twin.judge import Judge, Outcome
 from robolamp.twin.key_poses import PoseErrors
 from robolamp.twin.lamp_body import Body
 from robolamp.twin.lamp_model import TwinModel
+from robolamp.twin.lane_runs import Job, Runs, RunSettings
 from robolamp.twin.lanes import Lanes, Variants, state_of
 from robolamp.twin.motors import Motors, Views
-from robolamp.twin.runs import Job, Runs, RunSettings
 from robolamp.twin.sensor_model import measure_angle, measure_force
 
 Array = NDArray[np.float64]

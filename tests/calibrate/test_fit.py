@@ -11,9 +11,9 @@ import pytest
 
 from robolamp.assets import Assets
 from robolamp.calibrate.servo.fast_pendulum import Pendulum
-from robolamp.calibrate.servo.fit import advice, fit_servo
 from robolamp.calibrate.servo.ladder import Chart, switched_off
 from robolamp.calibrate.servo.pendulum_fit import Problem
+from robolamp.calibrate.servo.servo_fit import advice, fit_servo
 from robolamp.calibration import load_calibration
 from robolamp.cli.main import main
 from tests.calibrate.bench_parts import NOMINAL, TRUTH, chirp, drop, record, steps, write_bam, write_csv

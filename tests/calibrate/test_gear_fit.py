@@ -10,7 +10,7 @@ import pytest
 
 from robolamp.calibrate.lamp.calibration_file import lamp_file
 from robolamp.calibrate.lamp.findings import findings
-from robolamp.calibrate.lamp.fit import LampFit, fit_lamp
+from robolamp.calibrate.lamp.lamp_fit import LampFit, fit_lamp
 from robolamp.calibrate.lamp.session import LampSession, read_session
 from robolamp.calibrate.lamp.simulation import simulate
 from robolamp.calibrate.lamp.unknowns import GEARS, gears_of

@@ -13,13 +13,13 @@ import pytest
 import robolamp.calibrate.lamp.session as session_module
 from robolamp.calibrate.lamp.calibration_file import lamp_file
 from robolamp.calibrate.lamp.findings import findings, verdict
-from robolamp.calibrate.lamp.fit import LampFit, fit_lamp
 from robolamp.calibrate.lamp.floor_fit import flights
 from robolamp.calibrate.lamp.hop_proof import prove
+from robolamp.calibrate.lamp.lamp_fit import LampFit, fit_lamp
 from robolamp.calibrate.lamp.open_loop_fit import covariance
 from robolamp.calibrate.lamp.session import LampSession, read_session
 from robolamp.calibrate.lamp.simulation import rescale, simulate
-from robolamp.calibrate.report.page import page
+from robolamp.calibrate.report.calibration_page import page
 from robolamp.calibrate.report.simulations import show_session
 from robolamp.calibration import Calibration, load_calibration
 from robolamp.controller.hop_counter import shortest_flight

@@ -13,10 +13,10 @@ import pytest
 from robolamp.calibrate.lamp.session import read_session
 from robolamp.calibrate.manifest import load_manifest
 from robolamp.calibrate.servo.fast_pendulum import Pendulum, parameter_set
-from robolamp.calibrate.servo.fit import advice, fit_servo
 from robolamp.calibrate.servo.pendulum_fit import Problem
 from robolamp.calibrate.servo.procedure import load_bench
 from robolamp.calibrate.servo.recordings import Recording, read_recordings
+from robolamp.calibrate.servo.servo_fit import advice, fit_servo
 from robolamp.calibrate.servo.soundness import faults
 from robolamp.errors import FileError
 from robolamp.log.writer import LogWriter

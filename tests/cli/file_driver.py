@@ -38,7 +38,7 @@ def run(words: list[str]) -> dict[str, object]:
 
 
 if __name__ == "__main__":
-    import robolamp.calibrate.servo.fit
+    import robolamp.calibrate.servo.servo_fit
     import robolamp.compare.compare_logs
     import robolamp.emulator.emulated_lamp
     import robolamp.evolve.evolution  # noqa: F401 (what the verbs load, before memory is measured)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from robolamp.evolve.study.runs import Shelf
+from robolamp.evolve.study.study_runs import Shelf
 
 from .test_main import call
 

@@ -14,7 +14,7 @@ from robolamp.cli.main import main
 from robolamp.compare.causes.evidence import Evidence
 from robolamp.compare.causes.ranking import explain
 from robolamp.compare.controller_replay import replay_controller
-from robolamp.compare.folder.runs import _travel, compare_folder
+from robolamp.compare.folder.folder_runs import _travel, compare_folder
 from robolamp.emulator.reality.file import Reality
 from robolamp.errors import FileError
 from robolamp.log.reader import read_run

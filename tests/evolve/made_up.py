@@ -8,7 +8,7 @@ from pathlib import Path
 from robolamp.controller.controller_file import Controller, save_controller
 from robolamp.controller.expression import parse
 from robolamp.evolve.study.plan import Order, Point
-from robolamp.evolve.study.runs import Scale, Shelf
+from robolamp.evolve.study.study_runs import Scale, Shelf
 
 from .parts import ASSETS, CALIBRATION, LAMP
 

@@ -15,8 +15,8 @@ from robolamp.controller.controller_file import Controller
 from robolamp.controller.expression import parse
 from robolamp.errors import FileError, RobolampError
 from robolamp.evolve.study.plan import STUDIES, TASK, Order, Point, chosen_points, orders, settled
-from robolamp.evolve.study.report import Reporter
-from robolamp.evolve.study.runs import Scale, Shelf
+from robolamp.evolve.study.study_report import Reporter
+from robolamp.evolve.study.study_runs import Scale, Shelf
 from robolamp.evolve.study.unseen_goals import BEYOND, WITHIN, Tried, try_goals
 
 from . import made_up

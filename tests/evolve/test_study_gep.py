@@ -13,7 +13,7 @@ from robolamp.cli.main import main
 from robolamp.evolve.study.claims import AGREES, DISAGREES, UNKNOWN
 from robolamp.evolve.study.claims_gep import head, population, representation, success
 from robolamp.evolve.study.plan import HOP, JUMPER, STUDIES, Order, settled
-from robolamp.evolve.study.runs import Curve
+from robolamp.evolve.study.study_runs import Curve
 
 from .parts import ASSETS
 

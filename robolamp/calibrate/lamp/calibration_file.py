@@ -14,7 +14,7 @@ from tomlkit.items import Table
 from robolamp.assets import bare_name
 from robolamp.calibrate.file_tables import covariance_table, lines, parameter_row, rounded, row
 from robolamp.calibrate.lamp.findings import findings, verdict
-from robolamp.calibrate.lamp.fit import LampFit
+from robolamp.calibrate.lamp.lamp_fit import LampFit
 from robolamp.calibrate.lamp.session import LampSession
 from robolamp.calibrate.lamp.unknowns import GEARS, MOST
 from robolamp.calibration import LAMP, Calibration, Parameter

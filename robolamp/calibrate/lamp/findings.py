@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robolamp.calibrate.lamp.fit import LampFit
+from robolamp.calibrate.lamp.lamp_fit import LampFit
 from robolamp.calibrate.lamp.session import LampSession
 from robolamp.calibrate.lamp.unknowns import GEARS
 from robolamp.calibration import Calibration

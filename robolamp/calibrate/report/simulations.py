@@ -9,11 +9,11 @@ from robolamp.assets import Assets
 from robolamp.calibrate.lamp.session import LampSession
 from robolamp.calibrate.lamp.simulation import simulate
 from robolamp.calibrate.procedure import procedure
-from robolamp.calibrate.report.page import Shown
+from robolamp.calibrate.report.calibration_page import Shown
 from robolamp.calibrate.report.plots import Track
 from robolamp.calibrate.servo.fast_pendulum import Pendulum, parameter_set
+from robolamp.calibrate.servo.model_scores import parameters_of
 from robolamp.calibrate.servo.recordings import Recording
-from robolamp.calibrate.servo.score import parameters_of
 from robolamp.calibration import Calibration
 from robolamp.lamp import Lamp
 from robolamp.twin.lamp_model import build

@@ -12,8 +12,8 @@ from tomlkit.items import InlineTable, Table
 
 from robolamp.assets import bare_name
 from robolamp.calibrate.file_tables import covariance_table, lines, parameter_row, rounded, row
-from robolamp.calibrate.servo.fit import ServoFit, advice
-from robolamp.calibrate.servo.score import BENCH
+from robolamp.calibrate.servo.model_scores import BENCH
+from robolamp.calibrate.servo.servo_fit import ServoFit, advice
 from robolamp.calibration import JOINT, SERVO, Parameter
 from robolamp.files import write_atomic
 from robolamp.log.run_context import versions

@@ -54,7 +54,7 @@ def all(
     from robolamp.calibrate.lamp.session import read_session
     from robolamp.calibrate.procedure import procedure
     from robolamp.calibrate.recorder import Session, record
-    from robolamp.calibrate.report.page import write_report
+    from robolamp.calibrate.report.calibration_page import write_report
     from robolamp.calibrate.report.simulations import show_session
     from robolamp.calibration import load_calibration
     from robolamp.cli.run.outcome import Failure, attempt, concluded, noted

@@ -49,8 +49,8 @@ def fit(
             left_out_mae_mrad, ladder, findings.
     """
     from robolamp.calibrate.servo.calibration_file import write_servo_file
-    from robolamp.calibrate.servo.fit import advice, fit_servo  # mujoco and numba load after the arguments
     from robolamp.calibrate.servo.recordings import read_recordings
+    from robolamp.calibrate.servo.servo_fit import advice, fit_servo  # mujoco and numba load after the arguments
     from robolamp.calibrate.servo.soundness import require_sound
     from robolamp.calibration import JOINT, SERVO
 

@@ -14,7 +14,7 @@ from robolamp.cli.screen.progress_bar import bar
 
 if TYPE_CHECKING:
     from robolamp.calibrate.lamp.findings import FitVerdict
-    from robolamp.calibrate.lamp.fit import LampFit
+    from robolamp.calibrate.lamp.lamp_fit import LampFit
 
 
 def lamp(
@@ -71,7 +71,7 @@ def fit_session(
     """
     from robolamp.calibrate.lamp.calibration_file import write_lamp_file
     from robolamp.calibrate.lamp.findings import findings, verdict
-    from robolamp.calibrate.lamp.fit import fit_lamp
+    from robolamp.calibrate.lamp.lamp_fit import fit_lamp
     from robolamp.calibrate.lamp.session import read_session
 
     began = time.monotonic()

@@ -38,7 +38,7 @@ def report(
 
     from robolamp.calibrate.lamp.session import read_session
     from robolamp.calibrate.manifest import load_manifest
-    from robolamp.calibrate.report.page import write_report  # after the arguments are checked
+    from robolamp.calibrate.report.calibration_page import write_report  # after the arguments are checked
     from robolamp.calibrate.report.simulations import show_bench, show_session
     from robolamp.calibrate.servo.recordings import read_recordings
     from robolamp.calibrate.servo.soundness import require_sound

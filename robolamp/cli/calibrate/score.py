@@ -33,8 +33,8 @@ def score(
         lamp: Folder of your own lamp, as `robolamp new` makes it.
         as_json: Print one JSON object: recordings (file, mae_mrad, seen), mae_mrad, mae_unseen_mrad, notes.
     """
+    from robolamp.calibrate.servo.model_scores import mean_error, score_recordings
     from robolamp.calibrate.servo.recordings import read_recordings  # mujoco and numba load after the arguments
-    from robolamp.calibrate.servo.score import mean_error, score_recordings
     from robolamp.calibrate.servo.soundness import require_sound
 
     calibration = load_calibration(Assets.of(lamp), file)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from robolamp.cli.screen.output import counted
 from robolamp.compare.comparison import Comparison
-from robolamp.compare.report.page import sentence, three
+from robolamp.compare.report.comparison_page import sentence, three
 
 
 def told(comparison: Comparison) -> tuple[str, str]:

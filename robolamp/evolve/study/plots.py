@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from robolamp.evolve.study.claims import ARRIVES
 from robolamp.evolve.study.plan import Study
-from robolamp.evolve.study.runs import Curve
+from robolamp.evolve.study.study_runs import Curve
 from robolamp.evolve.study.unseen_goals import WITHIN, Tried
 from robolamp.palette import ROLES
 

@@ -14,7 +14,7 @@ from robolamp.calibrate.report import plots
 from robolamp.calibrate.report.plots import Track
 from robolamp.calibrate.report.published import PUBLISHED
 from robolamp.calibration import JOINT, LAMP, SERVO, Calibration, Parameter
-from robolamp.compare.report.page import document
+from robolamp.compare.report.comparison_page import document
 from robolamp.files import write_atomic
 
 _UNIT = re.compile(r"(\d) (cm|mrad|ms|s|N|V|Nm|Ohm)\b")  # a number is not torn from its unit at a line's end

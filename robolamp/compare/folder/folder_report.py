@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from robolamp.compare.folder.runs import Folder, Row
-from robolamp.compare.report.page import document, text
+from robolamp.compare.folder.folder_runs import Folder, Row
+from robolamp.compare.report.comparison_page import document, text
 from robolamp.compare.report.svg_plots import FAINT, LAMP, STYLE, TWIN, svg
 from robolamp.compare.task_verdict import DONE
 from robolamp.compare.twin_verdict import CANNOT_SAY, INSIDE

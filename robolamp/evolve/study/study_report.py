@@ -20,7 +20,7 @@ from robolamp.evolve.study import claims, claims_gep
 from robolamp.evolve.study.claims import ClaimVerdict
 from robolamp.evolve.study.plan import HERE, HOP, JUMPER, STUDIES, TASK, Order, Point, Study
 from robolamp.evolve.study.plots import curves_picture, goals_picture
-from robolamp.evolve.study.runs import Curve, Scale, Shelf
+from robolamp.evolve.study.study_runs import Curve, Scale, Shelf
 from robolamp.evolve.study.unseen_goals import Tried, try_goals
 from robolamp.files import write_atomic
 from robolamp.lamp import Lamp
