@@ -21,6 +21,10 @@ NAP = 0.002  # s
 ATTEMPTS = 20
 
 
+class NotReached(AssertionError):
+    """An attempt did not come as far as what it tests, for want of time: it says nothing."""
+
+
 class Sleeper:
     """A thread that does nothing but sleep: what it is late by, this computer is."""
 
@@ -63,6 +67,8 @@ def waited(pid: int) -> float:
 def undisturbed(attempt: Callable[[], T], patience: float) -> T:
     """Return what an attempt returns; one that fails is repeated if a bare sleeper beside it was late, and only then.
 
+    One that raises `NotReached` is repeated whether or not it was.
+
     Args:
         attempt: Something in real time.
         patience: Lateness that it bears [s].
@@ -72,9 +78,10 @@ def undisturbed(attempt: Callable[[], T], patience: float) -> T:
             began = time.monotonic()
             try:
                 return attempt()
-            except (Exception, pytest.fail.Exception):
+            except (Exception, pytest.fail.Exception) as error:
                 time.sleep(2 * NAP)
-                if not left or sleeper.late.worst(began, time.monotonic()) <= patience:
+                late = sleeper.late.worst(began, time.monotonic()) > patience
+                if not left or not (late or isinstance(error, NotReached)):
                     raise
     raise AssertionError("not reached")
 

@@ -22,7 +22,7 @@ COMMAND = [sys.executable, "-m", "robolamp"]
 
 def robolamp(*words: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [*COMMAND, *words], cwd=cwd, capture_output=True, text=True, timeout=120, check=False,
+        [*COMMAND, *words], cwd=cwd, capture_output=True, text=True, timeout=280, check=False,
         env={**os.environ, **environment},
     )  # fmt: skip
 

@@ -28,7 +28,7 @@ def test_stages_follow_each_other(
             for _ in range(10):  # a busy machine may hold up the emulator until the loop gives up
                 shutil.rmtree(logs[stage].parent, ignore_errors=True)
                 code, out, _ = call(capsys, *words, *where, *more)
-                if code != 1:
+                if code == 0 or (code == 2 and "no angle" not in json.loads(out)["error"]):
                     break
             return code, json.loads(out)
 

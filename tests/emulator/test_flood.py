@@ -103,9 +103,11 @@ def test_a_flood_takes_its_time_on_the_line_and_no_longer(lamp: Emulator, kind: 
     assert len(frames(bytes(heard))) > 0.8 * written * 500  # and nothing else stood still
 
 
+@bears(0.005)
 def test_a_packet_after_a_silence_is_heard_though_another_was_begun(lamp: Emulator) -> None:
     """A client that tries again sooner than an unfinished packet is given up is not deaf to the answers."""
-    with serial.Serial(lamp.servo_port, BAUD, timeout=PATIENCE) as port:
+    with serial.Serial(lamp.servo_port, BAUD, timeout=1.0) as port:
+        port.reset_input_buffer()
         late = lamp.late
         port.write(NESTED)
         time.sleep(0.01)
@@ -125,8 +127,10 @@ def test_a_packet_written_in_two_halves_is_one(lamp: Emulator) -> None:
         assert len(port.read(15)) == 15
 
 
+@bears(0.005)  # a packet whose halves are read a silence apart is none
 def test_packets_that_were_written_while_it_stood_still_are_all_answered(lamp: Emulator) -> None:
-    with serial.Serial(lamp.servo_port, BAUD, timeout=PATIENCE) as port:
+    with serial.Serial(lamp.servo_port, BAUD, timeout=5.0) as port:
+        port.reset_input_buffer()
         port.write(PING * 200)
         assert len(port.read(14 * 200)) == 14 * 200
 
