@@ -35,7 +35,7 @@ NONE = Reality.none(LAMP)
 
 @pytest.fixture(scope="module")
 def rocking(tmp_path_factory):
-    return hop(tmp_path_factory.mktemp("rocking") / "log.mcap", load_reality("random:2", LAMP, ASSETS))
+    return hop(tmp_path_factory.mktemp("rocking") / "log.mcap", load_reality("knob:supply_voltage:1", LAMP, ASSETS))
 
 
 @pytest.fixture(scope="module")

@@ -55,7 +55,7 @@ def test_no_other_place_has_a_colour_for_a_role() -> None:
         assert not re.search(rf"--({'|'.join(ROLES)}):", sheet.read_text()), sheet
     scripts = [*(PACKAGE / "player" / "web").glob("*.js"), PACKAGE / "compare" / "report" / "web" / "report.js"]
     plots = [
-        PACKAGE / "compare" / "folder" / "report.py",
+        PACKAGE / "compare" / "folder" / "folder_report.py",
         PACKAGE / "calibrate" / "report" / "plots.py",
         PACKAGE / "compare" / "report" / "svg_plots.py",
     ]
