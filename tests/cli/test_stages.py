@@ -25,7 +25,7 @@ def test_stages_follow_each_other(
         def deploy(stage: str, *more: object) -> tuple[int, dict]:
             words = ("deploy", "hop", "--goal", "0.1", "--port", servo_port, "--foot-port", foot_port)
             where = ("--duration", "0.6", "-o", logs[stage].parent, "--stage", stage, "--json")
-            for _ in range(10):  # a busy machine may hold up the emulator until the loop gives up
+            for _ in range(30):  # a busy machine may hold up the emulator until the loop gives up
                 shutil.rmtree(logs[stage].parent, ignore_errors=True)
                 code, out, _ = call(capsys, *words, *where, *more)
                 if code == 0 or (code == 2 and "no angle" not in json.loads(out)["error"]):

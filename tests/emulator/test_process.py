@@ -26,7 +26,7 @@ from dynamixel_sdk import (
 from mcap.exceptions import EndOfFile
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
-from sleeper import eventually, undisturbed
+from sleeper import bears, eventually, undisturbed
 
 from robolamp.emulator.foot_sensor import crc16_ccitt
 
@@ -76,6 +76,7 @@ def test_ready_line() -> None:
 
 
 @pytest.mark.realtime
+@bears(0.005)  # the SDK takes an answer that comes late for that to its next question
 def test_the_sdk_finds_reads_and_writes_servos(ports: dict[str, str]) -> None:
     with sdk(ports["servo_port"]) as (port, packets):
         found, result = packets.broadcastPing(port)
@@ -202,12 +203,12 @@ def test_truth_is_logged_until_the_end(tmp_path: Path, number: int) -> None:
         log_time, _ = seen["/truth/base"][-1]
         expected = 1.3 if number != signal.SIGKILL else 0.6  # a killed writer loses what it had not flushed
         assert log_time / 1e9 - began > expected
+        steps = [second - first for (first, _), (second, _) in pairwise(seen["/truth/base"])]
+        assert max(steps) < 6_000_000
         return seen
 
     seen = undisturbed(attempt, 0.02)
     _, base = seen["/truth/base"][-1]
-    steps = [second - first for (first, _), (second, _) in pairwise(seen["/truth/base"])]
-    assert max(steps) < 6_000_000
     assert base.fallen is False
     assert 1.9 < base.force < 2.3
     joints = seen["/truth/joints"][-1][1]
