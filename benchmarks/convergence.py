@@ -6,7 +6,8 @@
 The lamp is sent the goals of a hop that was recorded once for 20, 40 and 60 cm (tests/data/frozen_hop.csv), so nothing
 but the physics decides where it lands. Each line is a lamp and a step: the median landing [cm] over slightly different
 starts and, where some fell, how many. Landings of the lamps that are chaotic differ by their starts; the column after
-each says by how much (standard deviation).
+each says by how much (standard deviation). `--knobs` bends the rigid lamp in one other thing at a time, as the file of
+a reality can, near the ends of what lamps of one design differ by.
 """
 
 from __future__ import annotations

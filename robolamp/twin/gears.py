@@ -11,7 +11,7 @@ they give does not depend on the step.
 is unstable where it carries little: the free foot weighs 3e-5 kg m^2 on the ankle's. So its hinge gets the inertia
 h^2 K / 4 + h D / 2, with the step h and the damper D, which makes the trapezoidal rule of it: stable whatever it
 carries, and exact at rest (Stern and Grinspun 2009, "Implicit-explicit variational integration of highly oscillatory
-problems", section 3). That inertia opposes bending alone, never the link.
+problems"). That inertia opposes bending alone, never the link.
 
 Both need MuJoCo's Euler integrator with no implicit damping: an implicit one weakens what contacts give in a step.
 `benchmarks/convergence.py` measures how far all this depends on the step.

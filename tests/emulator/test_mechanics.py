@@ -161,9 +161,8 @@ def test_play_and_bending_at_one_joint() -> None:
     plant = client.lamp.plant
     gears, knee = plant._twin.gears, 1
     play, bending = plant._data.qpos[gears.play[knee]], plant._data.qpos[gears.bending[knee]]
-    assert abs(play) == pytest.approx(
-        0.01, abs=1e-3
-    )  # its load pushes it to the end of its play, and bends what follows
+    # Its load pushes it to the end of its play, and bends what follows.
+    assert abs(play) == pytest.approx(0.01, abs=1e-3)
     assert abs(bending) > 3e-3
     assert play * bending > 0.0
     assert plant.angle[knee] == pytest.approx(rotor(client, knee) + play)
