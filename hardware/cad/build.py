@@ -1,10 +1,12 @@
-"""Builds the lamp's parts from shape.toml, checks them, and writes files to print, pictures and properties.
+"""Builds the lamp's parts from shape.toml, checks them, and writes files to print, pictures, properties and model.
 
     python hardware/cad/build.py            # what `make cad` does
     python hardware/cad/build.py --check    # builds and checks, and compares with the files that are there
 
-It works on the folder that it lies in: in a folder of your own (`robolamp new mylamp`) on that lamp. Either everything
-is written or nothing is. Exit code 2: what shape.toml describes cannot be built, and one line says why.
+It works on the lamp that its folder belongs to: in a folder of your own (`robolamp new mylamp`) on that one. There it
+writes hardware/cad/exported, sim/lamp/lamp.xml and sim/lamp/meshes, and lowers limits of hardware/lamp.toml that a stop
+would meet. Either everything is written or nothing is. Exit code 2: what shape.toml describes cannot be built, and one
+line says why.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
+LAMP = HERE.parents[1]
 sys.path.insert(0, str(HERE))
 sys.dont_write_bytecode = True  # this folder is data, and is shipped as it is
 
@@ -67,6 +70,8 @@ def _build(shape: Any, *, check: bool, pictures: bool) -> int:
     import checks
     import exports
     import guide
+    import limits
+    import model
     import properties
 
     begun = time.monotonic()
@@ -85,21 +90,32 @@ def _build(shape: Any, *, check: bool, pictures: bool) -> int:
     told = properties.properties(shape, parts, prints, gaps, count)
     if check:
         return _compare(told)
+    lamp = LAMP / "hardware/lamp.toml"
+    description = limits.fitted(lamp, shape.stops)
     with tempfile.TemporaryDirectory(dir=HERE) as name:
         folder = Path(name)
-        new = folder / "exported"
+        new, meshes = folder / "exported", folder / "meshes"
         new.mkdir()
+        meshes.mkdir()
         for part in assembly.printed(shape):
             exports.write_part(part, new)
+        exports.write_meshes(parts, meshes)
         (new / "properties.toml").write_text(properties.as_toml(told), encoding="utf-8")
         (new / "README.md").write_text(properties.as_readme(told, guide.PICTURES), encoding="utf-8")
+        (folder / "lamp.xml").write_text(model.as_mjcf(told), encoding="utf-8")
+        (folder / "lamp.toml").write_text(description, encoding="utf-8")
         old = HERE / "exported"
         if pictures:
             guide.write_pictures(shape, parts, new, _say)
         elif old.is_dir():
             for picture in old.glob("*.png"):
                 shutil.copyfile(picture, new / picture.name)
-        _replace(new, old)
+        if description != lamp.read_text(encoding="utf-8"):
+            _say(f"{lamp}: limits and rests come inside the stops")
+        _replace({
+            new: old, meshes: LAMP / "sim/lamp/meshes", folder / "lamp.xml": LAMP / "sim/lamp/lamp.xml",
+            folder / "lamp.toml": lamp,
+        })
     mass = sum(body["mass"] for body in told["bodies"].values())
     minutes = sum(part["print_min"] * part["count"] for part in told["parts"].values())
     _say(
@@ -130,11 +146,24 @@ def _fitted(shape: Any) -> tuple[Any, dict[str, float]]:
             _say(f"{error}: the knee's upper stop comes down from {asked:g} rad")
 
 
-def _replace(new: Path, old: Path) -> None:
-    aside = new.with_name(f"{old.name}-before")
-    if old.exists():
-        old.rename(aside)
-    new.rename(old)
+def _replace(found: dict[Path, Path]) -> None:
+    """Put what was written in the place of what was there, or nothing of it."""
+    done: list[tuple[Path, Path]] = []
+    try:
+        for new, old in found.items():
+            old.parent.mkdir(parents=True, exist_ok=True)
+            aside = new.with_name(f"{new.name}-before")
+            if old.exists():
+                old.rename(aside)
+            done.append((old, aside))
+            new.rename(old)
+    except OSError:
+        for old, aside in reversed(done):
+            if aside.exists():
+                if old.is_dir():
+                    shutil.rmtree(old)
+                aside.rename(old)
+        raise
 
 
 def _compare(told: dict[str, Any]) -> int:

@@ -6,6 +6,8 @@ import io
 import re
 import struct
 import zipfile
+from collections import defaultdict
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,9 @@ from numpy.typing import NDArray
 
 from assembly import Placed, Printed
 from checks import mesh
+from model import mesh_name, mesh_names
 
+_ROUND = ("sole", "plate", "dome", "shade", "LED ball")  # parts whose outlines are seen as circles
 _WHEN = (2026, 1, 1, 0, 0, 0)
 _3MF = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
 
@@ -79,6 +83,22 @@ def _three_mf(name: str, triangles: NDArray[np.float64]) -> bytes:
         for path, text in (("[Content_Types].xml", kinds), ("_rels/.rels", links), ("3D/3dmodel.model", model)):
             archive.writestr(zipfile.ZipInfo(path, _WHEN), text, zipfile.ZIP_DEFLATED, 9)
     return packed.getvalue()
+
+
+def write_meshes(parts: Iterable[Placed], folder: Path) -> None:
+    """Write the meshes of the lamp's model, as STL in metres, each in its link's frame.
+
+    Args:
+        parts: The lamp's parts.
+        folder: Where.
+    """
+    found: dict[str, list[NDArray[np.float64]]] = defaultdict(list)
+    for part in parts:
+        if not part.ghost:
+            angle = 0.35 if part.part in _ROUND else 1.1
+            found[mesh_name(part.body, part.part, part.color)].append(mesh(part.solid, 0.2, angle))
+    for name in mesh_names():
+        (folder / f"{name}.stl").write_bytes(stl(np.concatenate(found[name]) / 1000.0))
 
 
 def placed_mesh(part: Placed, place: Location, fine: float = 0.1) -> NDArray[np.float64]:

@@ -25,7 +25,7 @@ do not change, and it follows robolamp.
 {rows}
 
 Parts of other lengths: change `hardware/cad/shape.toml`, then `python {name}/hardware/cad/build.py` writes the parts to
-print (it needs `pip install 'robolamp[cad]'`).
+print, sim/lamp/lamp.xml, and limits that the stops ask for (it needs `pip install 'robolamp[cad]'`).
 
 1. Your servos' ids, signs, zeros and limits, and your ports: `robolamp setup scan`, then `assign`, `zero`, `foot`, each
    with `--lamp {name}`; they write hardware/lamp.toml.
@@ -42,12 +42,15 @@ def _files(assets: Assets) -> dict[str, str]:
     """What a new folder holds, and what to change there; empty: nothing, others are built with it."""
     scene = load_lamp(assets).model
     cad = {str(_CAD / path.name): "" for path in sorted(assets.path(str(_CAD / "shape.toml")).parent.glob("*.py"))}
+    model = Path(scene).with_name("lamp.xml")
+    meshes = sorted((assets.path(str(model)).parent / "meshes").glob("*.stl"))
     return {
         "hardware/lamp.toml": "servos, signs, zeros, limits, ports, foot sensor",
-        str(_CAD / "shape.toml"): "lengths of arms, foot, shade: what its printed parts are built from",
+        str(_CAD / "shape.toml"): "lengths of arms, foot, shade: what its printed parts and its model are built from",
         **cad,
         scene: "what stands on the desk",
-        str(Path(scene).with_name("lamp.xml")): "the lamp's links: lengths, masses, shapes",
+        str(model): "the lamp's links: lengths, masses, shapes",
+        **{str(model.parent / "meshes" / path.name): "" for path in meshes},
         "calibration/nominal.toml": "the twin's numbers, as long as nothing is measured",
         "sim/tasks/hop.toml": "what to evolve",
     }

@@ -37,11 +37,6 @@ def bare() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_path(str(ROOT / "sim/lamp/lamp.xml"))
 
 
-@pytest.fixture(scope="module")
-def spec() -> mujoco.MjSpec:
-    return mujoco.MjSpec.from_file(str(ROOT / "sim/lamp/lamp.xml"))
-
-
 def lean(data: mujoco.MjData) -> float:
     """Angle of the first body from upright [rad]."""
     return float(np.arccos(np.clip(data.xmat[1][8], -1, 1)))
@@ -101,36 +96,19 @@ def test_mass_is_that_of_a_hand_sized_lamp(bare: mujoco.MjModel) -> None:
     assert 0.2 <= bare.body_mass.sum() <= 0.25
 
 
-def test_mass_table_is_the_model(bare: mujoco.MjModel) -> None:
-    for body, grams in table(README, "body", "mass [g]"):
-        mass = bare.body_mass.sum() if body == "all" else bare.body(body).mass[0]
-        assert mass * 1000 == pytest.approx(float(grams)), body
-    bodies = {body for body, _ in table(README, "body", "mass [g]")}
-    assert bodies == {bare.body(i).name for i in range(1, bare.nbody)} | {"all"}
-
-
-def parts(spec: mujoco.MjSpec) -> list[tuple[str, tuple[float, ...], float]]:
-    """Every geom with a mass: its body, its sizes as the README writes them [mm], its mass [g]."""
-    found = []
-    for body in spec.bodies:
-        for geom in body.geoms:
-            if np.isnan(geom.mass):
-                continue
-            if geom.type == mujoco.mjtGeom.mjGEOM_MESH:
-                size = tuple(spec.mesh(geom.meshname).scale)
-            else:
-                known = np.nan_to_num(geom.size)
-                capsule = geom.type == mujoco.mjtGeom.mjGEOM_CAPSULE or not np.isnan(geom.fromto[0])
-                size = (known[0],) if capsule else tuple(known[known > 0])
-            found.append((body.name, tuple(round(1000 * value, 3) for value in size), round(1000 * geom.mass, 3)))
-    return found
-
-
-def test_part_table_is_the_model(spec: mujoco.MjSpec) -> None:
-    rows = table(README, "body", "part", "size [mm]")
-    written = [(body, tuple(float(value) for value in size.split()), float(mass)) for body, _, size, mass, _ in rows]
-    assert written == parts(spec)
-    assert all(source for *_, source in rows)
+def test_link_table_is_the_model(bare: mujoco.MjModel) -> None:
+    rows = table(README, "body", "mass [g]")
+    assert [row[0] for row in rows] == [bare.body(i).name for i in range(1, bare.nbody)] + ["all"]
+    for name, mass, *more in rows[:-1]:
+        body = bare.body(name)
+        assert float(mass) == pytest.approx(1000 * body.mass[0], abs=0.06), name
+        forward, up, about = (float(value) for value in more[:3])
+        assert (forward, up) == pytest.approx(tuple(1000 * body.ipos[[0, 2]]), abs=0.06), name
+        turn = np.empty(9)
+        mujoco.mju_quat2Mat(turn, body.iquat)
+        pitch = (turn.reshape(3, 3) @ np.diag(body.inertia) @ turn.reshape(3, 3).T)[1, 1]
+        assert about == pytest.approx(1e6 * pitch, abs=0.06), name
+    assert float(rows[-1][1]) == pytest.approx(1000 * bare.body_mass.sum(), abs=0.06)
 
 
 def test_contact_shapes_are_the_model(bare: mujoco.MjModel) -> None:
@@ -200,8 +178,8 @@ def test_positive_angles_pitch_forward(bare: mujoco.MjModel, lamp: Lamp) -> None
 
 def test_no_part_touches_another_inside_the_limits(bare: mujoco.MjModel, lamp: Lamp) -> None:
     names = {bare.geom(i).name: i for i in range(bare.ngeom)}
-    apart = (("foot", "shade"), ("foot", "bulb"), ("foot", "upper_arm"), ("foot", "lower_arm"), ("foot", "knee_servo"),
-             ("lower_arm", "shade"), ("lower_arm", "bulb"), ("ankle_servo", "shade"))  # fmt: skip
+    apart = (("foot", "shade"), ("foot", "bulb"), ("foot", "upper_arm"), ("foot", "lower_arm_servo"),
+             ("lower_arm", "shade"), ("lower_arm", "bulb"))  # fmt: skip
     data = mujoco.MjData(bare)
     address = [bare.joint(name).qposadr[0] for name in lamp.names]
     grid = [np.linspace(low, high, 7) for low, high in zip(lamp.lower, lamp.upper, strict=True)]

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
+import mujoco
+import numpy as np
 import pytest
 
 from .readme import ROOT
 
 CAD = ROOT / "hardware" / "cad"
 EXPORTED = CAD / "exported"
+MODEL = ROOT / "sim/lamp"
 JOINTS = {"ankle": "lower_arm", "knee": "upper_arm", "neck": "head"}
 
 
@@ -26,6 +31,58 @@ def told() -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def shape() -> dict[str, Any]:
     return tomllib.loads((CAD / "shape.toml").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def writer() -> ModuleType:
+    """hardware/cad/model.py, which is no package's."""
+    found = importlib.util.spec_from_file_location("model", CAD / "model.py")
+    assert found is not None
+    assert found.loader is not None
+    module = importlib.util.module_from_spec(found)
+    found.loader.exec_module(module)
+    return module
+
+
+def test_the_model_is_written_from_the_properties(told: dict[str, Any], writer: ModuleType) -> None:
+    assert (MODEL / "lamp.xml").read_text(encoding="utf-8") == writer.as_mjcf(told), "run `make cad`"
+
+
+def test_the_model_weighs_what_the_parts_weigh(told: dict[str, Any]) -> None:
+    """1 % of mass, 0.5 mm, 5 % of inertia, as MuJoCo reads them."""
+    model = mujoco.MjModel.from_xml_path(str(MODEL / "lamp.xml"))
+    assert {model.body(i).name for i in range(1, model.nbody)} == set(told["bodies"])
+    for name, link in told["bodies"].items():
+        body = model.body(name)
+        assert body.mass[0] == pytest.approx(link["mass"], rel=0.01)
+        np.testing.assert_allclose(body.ipos, link["centre"], atol=0.5e-3)
+        xx, yy, zz, xy, xz, yz = link["inertia"]
+        turn = np.empty(9)
+        mujoco.mju_quat2Mat(turn, body.iquat)
+        turned = turn.reshape(3, 3) @ np.diag(body.inertia) @ turn.reshape(3, 3).T
+        np.testing.assert_allclose(turned, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], atol=0.05 * min(xx, yy, zz))
+    assert sum(link["mass"] for link in told["bodies"].values()) == pytest.approx(model.body_mass.sum(), rel=0.01)
+
+
+def test_the_model_shows_the_parts(told: dict[str, Any], writer: ModuleType) -> None:
+    files = {path.stem: path for path in (MODEL / "meshes").iterdir()}
+    assert set(files) == set(writer.mesh_names())
+    assert sum(path.stat().st_size for path in files.values()) < 1_000_000
+    shade, printed = points(files["shade"]) * 1000, told["parts"]["shade"]["size_mm"]
+    np.testing.assert_allclose(np.ptp(shade, axis=0), printed, atol=0.3)
+    assert shade[:, 2].max() == pytest.approx(1000 * told["shade"]["end"], abs=0.3)
+    lowest = min(points(path)[:, 2].min() for name, path in files.items() if name.startswith("base"))
+    assert lowest == pytest.approx(0.0, abs=1e-6)
+    for arm in ("lower_arm", "upper_arm"):
+        tubes = points(files[f"{arm}_steel"])
+        low, high = told["tubes"][arm]
+        assert tubes[:, 2].min() <= low + 1e-4
+        assert tubes[:, 2].max() >= high - 1e-4
+
+
+def points(path: Path) -> np.ndarray:
+    rows = np.frombuffer(path.read_bytes()[84:], dtype=[("v", "<f4", (12,)), ("a", "<u2")])
+    return rows["v"].reshape(-1, 4, 3)[:, 1:].reshape(-1, 3).astype(float)
 
 
 def test_properties_are_of_the_sources_that_are_here(told: dict[str, Any]) -> None:

@@ -236,7 +236,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             "the supply falls by {size} over time", "the supply falls by {size} less than {than} over time",
             "charge the battery, or use a mains supply",
         ),
-        # Preflight: the lamp of 2.1 N may show 0.4 N (contact_on) to 10 N standing.
+        # Preflight: the lamp of 2.3 N may show 0.4 N (contact_on) to 10 N standing.
         "foot gain": Kind(
             "1", (-0.1, 0.1), -0.8, 4.0, 0.01,
             lambda size, joint, of: Change(foot_gain=1.0 + size),
