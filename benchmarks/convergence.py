@@ -2,12 +2,14 @@
 
     python benchmarks/convergence.py [--starts 20] [--stiffness 20 100 inf] [--play 0 5] [--steps 1 0.5 0.25]
     python benchmarks/convergence.py --knobs [--starts 20]
+    python benchmarks/convergence.py --record hop
 
 The lamp is sent the goals of a hop that was recorded once for 20, 40 and 60 cm (tests/data/frozen_hop.csv), so nothing
 but the physics decides where it lands. Each line is a lamp and a step: the median landing [cm] over slightly different
 starts and, where some fell, how many. Landings of the lamps that are chaotic differ by their starts; the column after
 each says by how much (standard deviation). `--knobs` bends the rigid lamp in one other thing at a time, as the file of
-a reality can, near the ends of what lamps of one design differ by.
+a reality can, near the ends of what lamps of one design differ by. `--record` writes the goals anew, from a controller
+that hops on the nominal lamp: for a lamp whose model has changed.
 """
 
 from __future__ import annotations
@@ -25,8 +27,10 @@ from numpy.typing import NDArray
 
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
+from robolamp.controller.controller_file import load_controller
 from robolamp.emulator.reality.mechanics import Bender
 from robolamp.emulator.reality.reality import Reality
+from robolamp.files import write_atomic
 from robolamp.lamp import load_lamp
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.lamp_model import Bend, TwinModel, build
@@ -53,11 +57,27 @@ KNOBS: dict[str, tuple[float, float]] = {
 Array = NDArray[np.float64]
 
 
+_FROZEN = Path(__file__).resolve().parents[1] / "tests/data/frozen_hop.csv"
+_SECONDS = 8.0  # that are recorded
+
+
 def frozen_hop(goal: float) -> Array:
     """Return the goals of the hop that was sent to a goal of `GOALS`, shape (ticks, 3) [rad]."""
-    path = Path(__file__).resolve().parents[1] / "tests/data/frozen_hop.csv"
     first = 3 * GOALS.index(goal)
-    return np.loadtxt(path, delimiter=",", skiprows=1)[:, first : first + 3]
+    return np.loadtxt(_FROZEN, delimiter=",", skiprows=1)[:, first : first + 3]
+
+
+def record(name: str) -> None:
+    """Write what a controller sends on the nominal lamp, to each of `GOALS`."""
+    controller = load_controller(Assets().path(f"sim/lamp/controllers/{name}.toml"), load_lamp(Assets()))
+    twin = build(load_lamp(Assets()), load_calibration(Assets()), Assets())
+    program = controller.compile(controller.terminals)
+    jobs = [Job(0, 0, goal) for goal in GOALS]
+    trace = Fleet([twin], PERIOD).run([program], jobs, _SECONDS, record=True).trace
+    assert trace is not None
+    columns = ",".join(f"{joint}_{goal * 100:.0f}" for goal in GOALS for joint in twin.lamp.names)
+    rows = [",".join(f"{angle:.4f}" for angle in row) for row in np.concatenate(trace.goals, axis=1)]
+    write_atomic(_FROZEN, "\n".join([columns, *rows, ""]))
 
 
 def lamp(step: float, stiffness: float = math.inf, play: float = 0.0) -> TwinModel:
@@ -109,7 +129,11 @@ def main() -> None:
     parser.add_argument("--play", type=float, nargs="+", default=[0, 2, 5, 10], help="[mrad]")
     parser.add_argument("--steps", type=float, nargs="+", help="[ms]; by default those of each lamp")
     parser.add_argument("--knobs", action="store_true", help="the other things that a reality changes")
+    parser.add_argument("--record", metavar="CONTROLLER", help="write the goals anew: those it sends")
     options = parser.parse_args()
+    if options.record:
+        record(options.record)
+        return
     print(f"{'':30}step [ms]" + "".join(f"{goal * 100:14.0f} cm" for goal in GOALS))
     if options.knobs:
         for knob, values in KNOBS.items():

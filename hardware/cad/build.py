@@ -112,10 +112,14 @@ def _build(shape: Any, *, check: bool, pictures: bool) -> int:
                 shutil.copyfile(picture, new / picture.name)
         if description != lamp.read_text(encoding="utf-8"):
             _say(f"{lamp}: limits and rests come inside the stops")
-        _replace({
-            new: old, meshes: LAMP / "sim/lamp/meshes", folder / "lamp.xml": LAMP / "sim/lamp/lamp.xml",
-            folder / "lamp.toml": lamp,
-        })
+        _replace(
+            {
+                new: old,
+                meshes: LAMP / "sim/lamp/meshes",
+                folder / "lamp.xml": LAMP / "sim/lamp/lamp.xml",
+                folder / "lamp.toml": lamp,
+            }
+        )
     mass = sum(body["mass"] for body in told["bodies"].values())
     minutes = sum(part["print_min"] * part["count"] for part in told["parts"].values())
     _say(

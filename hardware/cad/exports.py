@@ -95,8 +95,10 @@ def write_meshes(parts: Iterable[Placed], folder: Path) -> None:
     found: dict[str, list[NDArray[np.float64]]] = defaultdict(list)
     for part in parts:
         if not part.ghost:
-            angle = 0.35 if part.part in _ROUND else 1.1
-            found[mesh_name(part.body, part.part, part.color)].append(mesh(part.solid, 0.2, angle))
+            fine, angle = (0.2, 0.35) if part.part in _ROUND else (0.25, 1.3)
+            if part.part.startswith("screw"):
+                fine, angle = 0.4, 1.6
+            found[mesh_name(part.body, part.part, part.color)].append(mesh(part.solid, fine, angle))
     for name in mesh_names():
         (folder / f"{name}.stl").write_bytes(stl(np.concatenate(found[name]) / 1000.0))
 

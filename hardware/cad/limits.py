@@ -29,11 +29,13 @@ def fitted(path: Path, stops: Mapping[str, tuple[float, float]]) -> str:
         for joint in document["joint"]:  # type: ignore[union-attr]
             if joint["name"] not in stops:
                 continue
-            low, high = (round(bound, 3) for bound in (stops[joint["name"]][0] + MARGIN, stops[joint["name"]][1] - MARGIN))
+            low, high = stops[joint["name"]]
+            low, high = round(low + MARGIN, 3), round(high - MARGIN, 3)
             for key, least, most in (("lower", low, high), ("upper", low, high), ("rest", low + MARGIN, high - MARGIN)):
                 value = float(joint.get(key, 0.0))
                 if not least <= value <= most:
                     joint[key] = round(min(max(value, least), most), 3)
-    except (tomlkit.exceptions.ParseError, UnicodeDecodeError, KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ShapeError(f"{path}: cannot be read as the description of a lamp: {' '.join(str(error).split())}") from None
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        said = " ".join(str(error).split())
+        raise ShapeError(f"{path}: cannot be read as the description of a lamp: {said}") from None
     return document.as_string()

@@ -32,7 +32,8 @@ _HEAD = """\
       </default>
       <default class="collision">
         <!-- Parts of the lamp meet the floor (contype 2 of the floor), not one another. -->
-        <geom group="3" contype="1" conaffinity="2" condim="4" friction="0.8 0.003 0.0001" solref="0.006 1" rgba="0.2 0.5 0.9 0.4"/>
+        <geom group="3" contype="1" conaffinity="2" condim="4" friction="0.8 0.003 0.0001" solref="0.006 1"
+          rgba="0.2 0.5 0.9 0.4"/>
       </default>
     </default>
   </default>
@@ -50,7 +51,8 @@ _TAIL = """\
   </worldbody>
 
   <actuator>
-    <!-- Shipped values of calibration/nominal.toml at Position P Gain 800; the twin writes the calibrated ones over them. -->
+    <!-- Shipped values of calibration/nominal.toml at Position P Gain 800; the twin writes the calibrated ones over
+         them. -->
 {motors}
   </actuator>
 
@@ -81,8 +83,8 @@ _SHADE_INSET = 0.002  # of the head's cylinder, from the shade's mouth inwards [
 def as_mjcf(told: Mapping[str, Any]) -> str:
     """Return the model as MJCF; the meshes that it names are beside it, in meshes/.
 
-    The model is the same on its left and its right: where horns, idlers and screws bring a centre of mass sideways (0.3 mm
-    at most), cables do so as much, and nobody knows which way.
+    The model is the same on its left and its right: where horns, idlers and screws bring a centre of mass sideways
+    (0.3 mm at most), cables do so as much, and nobody knows which way.
 
     Args:
         told: The tables of properties.toml.
@@ -94,11 +96,11 @@ def as_mjcf(told: Mapping[str, Any]) -> str:
     below = {"lower_arm": lengths["axis"], "upper_arm": lengths["lower_arm"], "head": lengths["upper_arm"]}
     half = round((shade["end"] - shade["start"]) / 2 - 0.001, 3)
     radius = shade["mouth_radius"] - _SHADE_INSET
-    foot, foot_half = lengths["foot_radius"], FOOT_HEIGHT / 2
+    foot, sole = lengths["foot_radius"], FOOT_HEIGHT / 2
     own = {
         "base": [
             '<site name="base" pos="0 0 0"/>',
-            f'<geom name="foot" class="collision" type="cylinder" size="{foot:g} {foot_half:g}" pos="0 0 {foot_half:g}"/>',
+            f'<geom name="foot" class="collision" type="cylinder" size="{foot:g} {sole:g}" pos="0 0 {sole:g}"/>',
             f'<site name="foot" type="cylinder" size="{foot + 0.005:g} 0.012" pos="0 0 0.002" group="4"/>',
         ],
         "lower_arm": [_capsule("lower_arm", _ARM_START, lengths["lower_arm"])],

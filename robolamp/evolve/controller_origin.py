@@ -16,8 +16,11 @@ def marks(seeds: Sequence[Controller]) -> str:
         seeds: What a run begins with.
     """
     # A file of 0.1.0 does not say: without provenance it was written.
-    written = [each.expressions for each in seeds if each.origin in (BY_HAND, TUNED) or not each.provenance]
-    return " ".join(f"{_shape(each)}/{_whole(each)}" for each in written)
+    written = [each for each in seeds if each.origin in (BY_HAND, TUNED) or not each.provenance]
+    tuned = {True: f"/{TUNED}", False: ""}
+    return " ".join(
+        f"{_shape(each.expressions)}/{_whole(each.expressions)}{tuned[each.origin == TUNED]}" for each in written
+    )
 
 
 def origin_of(expressions: Sequence[Expression], marks: str) -> str:
@@ -27,11 +30,12 @@ def origin_of(expressions: Sequence[Expression], marks: str) -> str:
         expressions: A controller's.
         marks: Of the seeds.
     """
-    known = dict(mark.split("/") for mark in marks.split())
-    whole = known.get(_shape(expressions))
-    if whole is None:
+    known = {shape: more for shape, *more in (mark.split("/") for mark in marks.split())}
+    more = known.get(_shape(expressions))
+    if more is None:
         return EVOLVED
-    return BY_HAND if whole == _whole(expressions) else TUNED
+    whole, *tuned = more
+    return TUNED if tuned or whole != _whole(expressions) else BY_HAND
 
 
 def _shape(expressions: Sequence[Expression]) -> str:

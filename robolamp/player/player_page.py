@@ -117,7 +117,7 @@ def _data(playback: Playback) -> dict[str, Any]:
     scene = playback.scene
     return {
         "vertices": _packed(scene.vertices, np.float32),
-        "indices": _packed(scene.indices, np.uint16),
+        "indices": _packed(scene.indices, np.uint32),
         "parts": [
             [part.body, part.first, part.count, *(round(c, 4) for c in part.color), part.emission, part.shine]
             for part in scene.parts

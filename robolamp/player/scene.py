@@ -53,7 +53,7 @@ class Scene:
     """
 
     vertices: Vertices
-    indices: NDArray[np.uint16]
+    indices: NDArray[np.uint32]
     parts: tuple[Part, ...]
     bodies: tuple[int, ...]
     base: int
@@ -65,7 +65,7 @@ def scene_of(twin: TwinModel) -> Scene:
     Args:
         twin: The lamp.
     """
-    model = twin.model
+    model = twin.seen
     vertices: list[NDArray[np.float64]] = []
     indices: list[NDArray[np.int64]] = []
     parts: list[Part] = []
@@ -95,7 +95,7 @@ def scene_of(twin: TwinModel) -> Scene:
         corners += len(points)
         triangles += faces.size
     return Scene(
-        np.concatenate(vertices).astype(np.float32), np.concatenate(indices).astype(np.uint16), tuple(parts),
+        np.concatenate(vertices).astype(np.float32), np.concatenate(indices).astype(np.uint32), tuple(parts),
         tuple(bodies), bodies.index(int(model.jnt_bodyid[0])),
     )  # fmt: skip
 
@@ -209,7 +209,9 @@ def _mesh(model: mujoco.MjModel, mesh: int) -> Shape:
     normals = np.zeros((corners.size, 3))
     np.add.at(normals, corner[smooth], across[face[smooth]])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    return points.reshape(-1, 3), normals, np.arange(corners.size).reshape(-1, 3)
+    both = np.hstack([points.reshape(-1, 3), normals]).astype(np.float32)
+    once, place = np.unique(both, axis=0, return_inverse=True)  # corners of one place and normal are one vertex
+    return once[:, :3].astype(np.float64), once[:, 3:].astype(np.float64), place.reshape(-1, 3)
 
 
 def _joined(*shapes: Shape) -> Shape:

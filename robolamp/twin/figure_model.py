@@ -76,6 +76,11 @@ class FigureTwin:
     support: int
 
     @property
+    def seen(self) -> mujoco.MjModel:
+        """The model, for pictures."""
+        return self.model
+
+    @property
     def driven(self) -> Figure:
         """What controllers drive."""
         return self.figure

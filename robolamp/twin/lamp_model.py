@@ -6,6 +6,7 @@ import hashlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Protocol
 
 import mujoco
@@ -18,7 +19,7 @@ from robolamp.errors import FileError
 from robolamp.files import read_bytes
 from robolamp.lamp import Lamp
 from robolamp.twin.gears import Gears, add_gears
-from robolamp.twin.servo import ServoParameters, set_motor
+from robolamp.twin.servo import ServoParameters, hold, set_motor
 
 Array = NDArray[np.float64]
 
@@ -78,7 +79,8 @@ class TwinModel:
 
     Attributes:
         lamp: The lamp's description.
-        model: The MuJoCo model.
+        model: The MuJoCo model, without geoms that touch nothing and weigh nothing.
+        dressed: Builds the same lamp with them.
         servos: The servos' parameters as compiled (bent, if it is).
         voltage: Supply voltage as compiled [V].
         line_delay: Time from the start of a tick to the goal's arrival at the servo [s].
@@ -97,6 +99,7 @@ class TwinModel:
 
     lamp: Lamp
     model: mujoco.MjModel
+    dressed: Callable[[], TwinModel]
     servos: ServoParameters
     voltage: float
     line_delay: float
@@ -111,6 +114,11 @@ class TwinModel:
     head_site: int
     head_size: tuple[float, float]
     pole_sensor: int | None = None
+
+    @cached_property
+    def seen(self) -> mujoco.MjModel:
+        """The model with all that is seen, for pictures; its positions are those of `model`."""
+        return self.dressed().model
 
     @property
     def driven(self) -> Lamp:
@@ -182,6 +190,19 @@ def _raise_pole(spec: mujoco.MjSpec, pole: Pole) -> None:
     spec.add_sensor(name="pole", type=mujoco.mjtSensor.mjSENS_TOUCH, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="pole")
 
 
+def _undress(spec: mujoco.MjSpec) -> None:
+    """Take out what is there to be seen alone: geoms that meet nothing, in links whose mass does not depend on them."""
+    named = {name for sensor in spec.sensors for name in (sensor.objname, sensor.refname)}
+    for body in spec.bodies:
+        for geom in body.geoms if body.explicitinertial or body.name == "world" else ():
+            if not geom.contype and not geom.conaffinity and geom.name not in named:
+                spec.delete(geom)
+    worn = {geom.meshname for geom in spec.geoms}
+    for mesh in spec.meshes:
+        if mesh.name not in worn:
+            spec.delete(mesh)
+
+
 def build(
     lamp: Lamp,
     calibration: Calibration,
@@ -192,6 +213,7 @@ def build(
     pole: Pole | None = None,
     clamped: bool = False,
     reshape: Callable[[mujoco.MjSpec], None] | None = None,
+    looks: bool = False,
 ) -> TwinModel:
     """Compile the lamp's model with a calibration's numbers.
 
@@ -204,6 +226,8 @@ def build(
         pole: A pole across its way; None: a free desk.
         clamped: Whether the base is clamped to the desk.
         reshape: Changes the specification last, before it is compiled: what a calibration cannot express.
+        looks: Whether it has the geoms that are there to be seen: `TwinModel.seen`. Without them it does the same, to
+            the bit, and sooner.
 
     Raises:
         FileError: The model does not load, or lacks a joint, actuator, sensor or site that the lamp needs.
@@ -229,6 +253,7 @@ def build(
             raise FileError(f"no joint and actuator named {joint.name!r}, which {lamp.path} has", str(path))
         set_motor(actuator, table[index], joint.position_p_gain, voltage)
         hinge, offset = spec.joint(joint.name), calibration.joint(joint.name, "encoder_offset")
+        hold(hinge)
         if offset:  # the model's angles are what the encoders read
             hinge.ref, hinge.range = offset, [bound + offset for bound in hinge.range]
     for kind, found, name in (
@@ -256,6 +281,8 @@ def build(
     add_gears(spec, lamp.names, *_yielding(lamp, calibration, bend))
     if reshape is not None:
         reshape(spec)
+    if not looks:
+        _undress(spec)
     model = spec.compile()
     for joint in lamp.joints:
         link, body = calibration.joint(joint.name, "link_mass"), model.joint(joint.name).bodyid
@@ -268,6 +295,18 @@ def build(
     return TwinModel(
         lamp=lamp,
         model=model,
+        dressed=partial(
+            build,
+            lamp,
+            calibration,
+            assets,
+            bend,
+            timestep=timestep,
+            pole=pole,
+            clamped=clamped,
+            reshape=reshape,
+            looks=True,
+        ),
         servos=servos,
         voltage=voltage,
         line_delay=calibration.lamp("line_delay"),

@@ -8,16 +8,10 @@ import mujoco
 import numpy as np
 
 from robolamp.twin.gears import Gears
-from robolamp.twin.servo import ServoParameters, set_motor
+from robolamp.twin.servo import ServoParameters, hold, set_motor
 
 POINT = 1e-9
 """Moment of inertia of the weight itself [kg m^2]: its mass counts as a point."""
-
-FIRM = 0.999
-"""MuJoCo's d of the friction constraint: with its 0.9 an arm that friction holds creeps by degrees in seconds."""
-
-QUICK = 0.004
-"""Time constant of the friction constraint [s]: four steps."""
 
 
 @dataclass(frozen=True)
@@ -87,10 +81,7 @@ def build_pendulum(servos: ServoParameters, load: Load, timestep: float) -> Pend
     spec.option.timestep = timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     body = spec.worldbody.add_body(name="pendulum")
-    body.add_joint(
-        name="shaft", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, -1, 0],
-        frictionloss=1e-6, solref_friction=[QUICK, 1.0], solimp_friction=[FIRM, FIRM, 0.001, 0.5, 2.0],
-    )  # fmt: skip
+    hold(body.add_joint(name="shaft", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, -1, 0], frictionloss=1e-6))
     mass, centre, inertia = load.body
     body.explicitinertial, body.mass, body.ipos, body.inertia = True, mass, [0.0, 0.0, -centre], [inertia] * 3
     actuator = spec.add_actuator(name="servo", target="shaft", trntype=mujoco.mjtTrn.mjTRN_JOINT)

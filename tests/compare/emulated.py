@@ -30,7 +30,7 @@ def hop(
     day: int = 0,
     events: tuple[Event, ...] = (),
     on_event: Callable[[str, EmulatedLamp], None] | None = None,
-    duration: float = 3.0,
+    duration: float = 4.0,
 ) -> Path:
     """Write the log of a run of `hop` on an emulated lamp, and truth.mcap beside it; returns the log.
 

@@ -21,9 +21,9 @@ from .lamps import LAMP
 NONE = Reality.none(LAMP)
 GONE = {
     "standing": (Event("unplugged", at=1.0, lasts=0.4, port="servo"),),
-    "in the run": (Event("unplugged", at=4.02, lasts=0.4, port="servo"),),
-    "in the run, for 2 s": (Event("unplugged", at=4.02, lasts=2.0, port="servo"),),
-    "no servo answers": tuple(Event("silent", at=4.02, servo=joint.id, lasts=0.5) for joint in LAMP.joints),
+    "in the run": (Event("unplugged", at=4.46, lasts=0.4, port="servo"),),
+    "in the run, for 2 s": (Event("unplugged", at=4.46, lasts=2.0, port="servo"),),
+    "no servo answers": tuple(Event("silent", at=4.46, servo=joint.id, lasts=0.5) for joint in LAMP.joints),
 }
 
 
@@ -90,7 +90,7 @@ def test_the_controllers_time_stands_still_in_a_pause(replugged, straight):
 
 
 def test_a_run_that_lost_a_port_forever_is_not_paused(tmp_path):
-    gone = Event("unplugged", at=4.02, lasts=60.0, port="servo")
+    gone = Event("unplugged", at=4.46, lasts=60.0, port="servo")
     run = read_run(hop(tmp_path / "log.mcap", NONE, events=(gone,)))
     assert pauses(run) == ()
     assert not silent(run).any()

@@ -23,6 +23,9 @@ CYCLE, HOP, LUXO = (
         ([CYCLE], CYCLE, "by hand"),
         ([LUXO, CYCLE], HOP, "tuned"),  # the shipped hop is the cycle with other numbers
         ([replace(CYCLE, origin="")], HOP, "tuned"),  # a file of 0.1.0
+        ([HOP], HOP, "tuned"),
+        ([CYCLE, HOP], HOP, "tuned"),
+        ([HOP], CYCLE, "tuned"),
         ([LUXO], LUXO, "evolved"),
         ([CYCLE], LUXO, "evolved"),
         ([], CYCLE, "evolved"),

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import re
+import shutil
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
 
+from robolamp.assets import Assets
 from robolamp.twin.lamp_body import Body
 from robolamp.twin.lamp_model import Bend, build
 
@@ -100,3 +105,25 @@ def test_the_current_is_what_an_energy_balance_says() -> None:
         power = TWIN.servos.resistance * winding**2 + body.torque * speed
         # `current` keeps the winding's sign; what the supply gives is duty times winding current.
         np.testing.assert_allclose(np.abs(body.current) * TWIN.voltage, np.abs(power), atol=1e-9)
+
+
+def test_what_is_there_to_be_seen_changes_nothing_but_pictures(tmp_path: Path) -> None:
+    ends = []
+    for twin in (TWIN, build(LAMP, CALIBRATION, ASSETS, looks=True)):
+        body = Body(twin)
+        for goals in ([0.3, 0.6, -0.5], [-0.3, -0.9, 0.2], [0.0, 0.0, 0.0]):
+            body.set_goal(np.array(goals))
+            body.step(150)
+        ends.append(body.data.qpos.copy())
+    np.testing.assert_array_equal(ends[0], ends[1])
+    assert not TWIN.model.nmesh
+    assert TWIN.seen.nmesh > 10
+    assert TWIN.seen.nq == TWIN.model.nq
+
+    folder = tmp_path / "sim/lamp"  # where a link weighs what its geoms weigh, they stay
+    shutil.copytree(ASSETS.path("sim/lamp/lamp.xml").parent, folder)
+    text = (folder / "lamp.xml").read_text(encoding="utf-8")
+    text = re.sub(r'(<joint name="neck"[^>]*>)\s*<inertial[^>]*>', r"\1", text)
+    (folder / "lamp.xml").write_text(text.replace('mesh="shade"/>', 'mesh="shade" mass="0.05"/>'), encoding="utf-8")
+    own = build(LAMP, CALIBRATION, Assets.of(tmp_path))
+    assert own.model.body("head").mass[0] == pytest.approx(0.05)

@@ -19,9 +19,11 @@ from robolamp.calibrate.servo.recordings import Recording
 from robolamp.calibration import JOINT, SERVO
 from robolamp.errors import FileError
 from robolamp.jit import njit
-from robolamp.twin.pendulum_model import FIRM, POINT, QUICK, Load
+from robolamp.twin.pendulum_model import POINT, Load
 from robolamp.twin.servo import (
+    FIRM,
     OPEN,
+    QUICK,
     REFERENCE_TEMPERATURE,
     TORQUE_CONSTANT,
     effective_resistance,

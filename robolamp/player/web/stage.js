@@ -110,15 +110,15 @@ class Stage {
       gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, indices, gl.STATIC_DRAW);
       return made;
     };
-    this.lamp = buffers(unpack(data.vertices, Float32Array), unpack(data.indices, Uint16Array));
+    this.lamp = buffers(unpack(data.vertices, Float32Array), unpack(data.indices, Uint32Array));
     const s = 6;
     this.desk = buffers(
       new Float32Array([-s, -s, 0, 0, 0, 1, s, -s, 0, 0, 0, 1, s, s, 0, 0, 0, 1, -s, s, 0, 0, 0, 1]),
-      new Uint16Array([0, 1, 2, 0, 2, 3]),
+      new Uint32Array([0, 1, 2, 0, 2, 3]),
     );
     this.line = buffers(
       new Float32Array([-0.002, -0.09, 0.0006, 0, 0, 1, 0.002, -0.09, 0.0006, 0, 0, 1, 0.002, 0.09, 0.0006, 0, 0, 1, -0.002, 0.09, 0.0006, 0, 0, 1]),
-      new Uint16Array([0, 1, 2, 0, 2, 3]),
+      new Uint32Array([0, 1, 2, 0, 2, 3]),
     );
   }
 
@@ -184,7 +184,7 @@ class Stage {
       gl.uniform1f(set.alpha, 1);
       gl.uniform1f(set.flat_, 0);
       gl.uniform1f(set.floor_, floor);
-      gl.drawElements(gl.TRIANGLES, 6, gl.UNSIGNED_SHORT, 0);
+      gl.drawElements(gl.TRIANGLES, 6, gl.UNSIGNED_INT, 0);
       gl.uniform1f(set.floor_, 0);
     };
     gl.disable(gl.BLEND);
@@ -227,7 +227,7 @@ class Stage {
       gl.uniform3fv(set.color, ghost ? twin : [red, green, blue]);
       gl.uniform1f(set.emission, ghost ? 0.25 : emission);
       gl.uniform1f(set.shine, shine);
-      gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_SHORT, first * 2);
+      gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, first * 4);
     }
   }
 }

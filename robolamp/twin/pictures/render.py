@@ -78,7 +78,7 @@ class Camera:
     ) -> None:
         self._point = point
         self._plane = isinstance(twin, FigureTwin)  # goes anywhere in the plane, and is followed there
-        self._model, self._data = twin.model, mujoco.MjData(twin.model)
+        self._model, self._data = twin.seen, mujoco.MjData(twin.seen)
         self._rect = mujoco.MjrRect(0, 0, width, height)
         self._gl = _gl_context(width, height)
         try:
