@@ -155,3 +155,22 @@ def test_what_cannot_be_built_is_refused_before_the_kernel_loads(
     assert str(folder / "shape.toml") in done.stderr
     assert done.stderr.count("\n") == 1
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_limits_come_inside_stops_that_are_closer(tmp_path: Path) -> None:
+    """The knee's stop of a lamp with arms of 90 mm; what need not change keeps its bytes."""
+    path = tmp_path / "lamp.toml"
+    text = (ROOT / "hardware/lamp.toml").read_text(encoding="utf-8")
+    path.write_text(text, encoding="utf-8")
+    stops = "{'ankle': (-0.63, 0.63), 'knee': (-1.05, %s), 'neck': (-1.05, 0.38)}"
+    script = "import sys, limits; from pathlib import Path; sys.stdout.write(limits.fitted(Path({!r}), {}))"
+
+    def fitted(knee: float) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-B", "-c", script.format(str(path), stops % knee)]
+        return subprocess.run(command, cwd=CAD, capture_output=True, text=True, check=False)
+
+    assert fitted(0.8).stdout == text
+    closer = fitted(0.65).stdout
+    assert closer == text.replace("upper = 0.78\nrest = 0.76", "upper = 0.63\nrest = 0.61")
+    path.write_text("joint = 3\n")
+    assert "cannot be read as the description of a lamp" in fitted(0.65).stderr

@@ -37,7 +37,7 @@ def convergence() -> ModuleType:
 
 
 def moved(convergence: ModuleType, goal: float, steps: tuple[float, float], stiffness: float, play: float) -> float:
-    """How far a landing moves between two steps [ms], by what it may [m]; a bending lamp's: the median of five starts."""
+    """How far a landing moves between two steps [ms], by what it may; if the lamp bends, the median of five starts."""
     rigid = math.isinf(stiffness) and not play
     coarse, fine = (
         float(np.median(convergence.landings(convergence.lamp(step / 1e3, stiffness, play), goal, 1 if rigid else 5)))
