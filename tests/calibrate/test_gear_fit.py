@@ -29,7 +29,8 @@ backlash = 0.009
 stiffness = 22.0
 """
 PLAN = [
-    *(short(step, 3.0) for step in steps("chirp-ankle", "squares", "steps-soft")),
+    short(steps("chirp-ankle")[0], 6.0),
+    *(short(step, 3.0) for step in steps("squares", "steps-soft")),
     short(steps("steps-firm")[0], 2.0),
 ]
 ASKED = ("coulomb", "link_mass")

@@ -170,7 +170,7 @@ def test_play_and_bending_at_one_joint() -> None:
 
 
 def test_a_tilted_floor_makes_it_lean_on_its_joints() -> None:
-    level, uphill = (standing(Client(replace(NONE, floor_tilt=tilt))) for tilt in (0.0, 0.1))
+    level, uphill = (standing(Client(replace(NONE, floor_tilt=tilt))) for tilt in (0.0, 0.15))
     assert uphill.lamp.plant.angle[0] - level.lamp.plant.angle[0] < -0.005  # pulled backwards, downhill
     assert uphill.lamp.plant.truth().fallen is False
 

@@ -210,7 +210,7 @@ def test_truth_is_logged_until_the_end(tmp_path: Path, number: int) -> None:
     seen = undisturbed(attempt, 0.02)
     _, base = seen["/truth/base"][-1]
     assert base.fallen is False
-    assert 1.9 < base.force < 2.3
+    assert 2.2 < base.force < 2.5
     joints = seen["/truth/joints"][-1][1]
     assert joints.name == ["ankle", "knee", "neck"]
     assert max(map(abs, joints.position)) < 1e-3

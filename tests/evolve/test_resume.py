@@ -41,7 +41,7 @@ def begin(folder: Path, *overrides: str, stop_after: int | None = None, **option
     seen: list[Generation] = []
     task = walk(folder.parent, *overrides)
     try:
-        evolve(task, LAMP, CALIBRATION, ASSETS, folder, seed=3, workers=2, progress=count, **options)  # type: ignore[arg-type]
+        evolve(task, LAMP, CALIBRATION, ASSETS, folder, seed=5, workers=2, progress=count, **options)  # type: ignore[arg-type]
     except Stop:
         assert stop_after is not None
 

@@ -203,7 +203,7 @@ def test_tuning_can_choose_from_the_best_it_tried_and_goes_on_where_it_stopped(t
 
 def test_a_run_with_tuning_reports_each_iteration(tmp_path: Path) -> None:
     seen: list[Generation] = []
-    result = run(task(tmp_path), tmp_path / "run", tuning=2, progress=seen.append)
+    result = run(task(tmp_path), tmp_path / "run", tuning=2, seed=6, progress=seen.append)
     stages = [("evolution", 0), ("evolution", 1), ("tuning", 0), ("tuning", 1)]
     assert [(entry.stage, entry.generation) for entry in seen] == stages
     assert [(line["stage"], line["generation"]) for line in told(tmp_path / "run")] == stages
