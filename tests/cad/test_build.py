@@ -10,6 +10,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -80,7 +81,7 @@ def volume(of: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("length", [90.0, 120.0])
-def test_other_arms_build(tmp_path: Path, length: float) -> None:
+def test_lamps_with_other_arms_build_stand_and_can_be_evolved(tmp_path: Path, length: float) -> None:
     folder = new_lamp(tmp_path / "mine")
     change(folder, ("lower = 100.0", f"lower = {length}"), ("upper = 100.0", f"upper = {length}"))
     done = run(folder, "--no-pictures")
@@ -89,6 +90,18 @@ def test_other_arms_build(tmp_path: Path, length: float) -> None:
     ours = tomllib.loads((ROOT / "hardware/cad/exported/properties.toml").read_text(encoding="utf-8"))
     longer = built["bodies"]["lower_arm"]["mass"] - ours["bodies"]["lower_arm"]["mass"]
     assert (longer > 0) == (length > 100.0)
+
+    model = mujoco.MjModel.from_xml_path(str(folder / "sim/lamp/scene.xml"))  # it follows, and stands
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_step(model, data, 1000)
+    assert data.body("base").xmat[8] > np.cos(np.radians(2))
+    assert np.linalg.norm(data.body("upper_arm").xpos - data.body("lower_arm").xpos) == pytest.approx(length / 1000)
+    assert model.joint("knee").range[1] == built["stops"]["knee"][1]
+    words = ["evolve", "hop", "--population", "4", "--generations", "1", "--seed", "1"]
+    command = [sys.executable, "-m", "robolamp", *words, "--lamp", str(folder), "-o", str(tmp_path / "run")]
+    evolved = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    assert evolved.returncode == 0, evolved.stderr
 
 
 def test_a_shade_that_meets_the_arm_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
