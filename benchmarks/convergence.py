@@ -30,6 +30,7 @@ from robolamp.calibration import load_calibration
 from robolamp.controller.controller_file import load_controller
 from robolamp.emulator.reality.mechanics import Bender
 from robolamp.emulator.reality.reality import Reality
+from robolamp.errors import RobolampError
 from robolamp.files import write_atomic
 from robolamp.lamp import load_lamp
 from robolamp.twin.fleet import Fleet, Job
@@ -69,7 +70,7 @@ def frozen_hop(goal: float) -> Array:
 
 def record(name: str) -> None:
     """Write what a controller sends on the nominal lamp, to each of `GOALS`."""
-    controller = load_controller(Assets().path(f"sim/lamp/controllers/{name}.toml"), load_lamp(Assets()))
+    controller = load_controller(Assets().named(name, "sim/lamp/controllers", "controller"), load_lamp(Assets()))
     twin = build(load_lamp(Assets()), load_calibration(Assets()), Assets())
     program = controller.compile(controller.terminals)
     jobs = [Job(0, 0, goal) for goal in GOALS]
@@ -132,7 +133,10 @@ def main() -> None:
     parser.add_argument("--record", metavar="CONTROLLER", help="write the goals anew: those it sends")
     options = parser.parse_args()
     if options.record:
-        record(options.record)
+        try:
+            record(options.record)
+        except RobolampError as error:
+            parser.error(str(error))
         return
     print(f"{'':30}step [ms]" + "".join(f"{goal * 100:14.0f} cm" for goal in GOALS))
     if options.knobs:

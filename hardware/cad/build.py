@@ -77,6 +77,8 @@ def _build(shape: Any, *, check: bool, pictures: bool) -> int:
     begun = time.monotonic()
     checks.check_masses(shape)
     shape, gaps = _fitted(shape)
+    lamp = LAMP / "hardware/lamp.toml"
+    description = limits.fitted(lamp, shape.stops)
     parts = assembly.placed(shape)
     _say("parts of a link apart")
     checks.check_links(shape)
@@ -90,8 +92,6 @@ def _build(shape: Any, *, check: bool, pictures: bool) -> int:
     told = properties.properties(shape, parts, prints, gaps, count)
     if check:
         return _compare(told)
-    lamp = LAMP / "hardware/lamp.toml"
-    description = limits.fitted(lamp, shape.stops)
     with tempfile.TemporaryDirectory(dir=HERE) as name:
         folder = Path(name)
         new, meshes = folder / "exported", folder / "meshes"
@@ -152,20 +152,20 @@ def _fitted(shape: Any) -> tuple[Any, dict[str, float]]:
 
 def _replace(found: dict[Path, Path]) -> None:
     """Put what was written in the place of what was there, or nothing of it."""
-    done: list[tuple[Path, Path]] = []
+    begun: list[tuple[Path, Path, Path]] = []
     try:
         for new, old in found.items():
             old.parent.mkdir(parents=True, exist_ok=True)
             aside = new.with_name(f"{new.name}-before")
+            begun.append((new, old, aside))
             if old.exists():
                 old.rename(aside)
-            done.append((old, aside))
             new.rename(old)
     except OSError:
-        for old, aside in reversed(done):
+        for new, old, aside in reversed(begun):
+            if not new.exists():
+                old.rename(new)
             if aside.exists():
-                if old.is_dir():
-                    shutil.rmtree(old)
                 aside.rename(old)
         raise
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import tomlkit
 
@@ -26,7 +27,8 @@ def fitted(path: Path, stops: Mapping[str, tuple[float, float]]) -> str:
     """
     try:
         document = tomlkit.parse(path.read_text(encoding="utf-8"))
-        for joint in document["joint"]:  # type: ignore[union-attr]
+        joints: Any = document["joint"]
+        for joint in joints:
             if joint["name"] not in stops:
                 continue
             low, high = stops[joint["name"]]

@@ -78,6 +78,8 @@ ARM_RADIUS = 0.012
 
 _ARM_START = 0.020  # of the lower arm's capsule above the ankle's axis, where dome and fork end [m]
 _SHADE_INSET = 0.002  # of the head's cylinder, from the shade's mouth inwards [m]
+_HEAD_SITE = 0.022  # what a controller knows as the head's place: so far behind the shade's mouth [m]
+_TOUCH_MARGIN, _TOUCH_HALF, _TOUCH_MIDDLE = 0.005, 0.012, 0.002  # the touch sensor's cylinder round the foot [m]
 
 
 def as_mjcf(told: Mapping[str, Any]) -> str:
@@ -101,12 +103,13 @@ def as_mjcf(told: Mapping[str, Any]) -> str:
         "base": [
             '<site name="base" pos="0 0 0"/>',
             f'<geom name="foot" class="collision" type="cylinder" size="{foot:g} {sole:g}" pos="0 0 {sole:g}"/>',
-            f'<site name="foot" type="cylinder" size="{foot + 0.005:g} 0.012" pos="0 0 0.002" group="4"/>',
+            f'<site name="foot" type="cylinder" size="{foot + _TOUCH_MARGIN:g} {_TOUCH_HALF:g}" '
+            f'pos="0 0 {_TOUCH_MIDDLE:g}" group="4"/>',
         ],
         "lower_arm": [_capsule("lower_arm", _ARM_START, lengths["lower_arm"])],
         "upper_arm": [_capsule("upper_arm", 0.0, lengths["upper_arm"])],
         "head": [
-            f'<site name="head" pos="0 0 {shade["end"] - 0.022:g}"/>',
+            f'<site name="head" pos="0 0 {shade["end"] - _HEAD_SITE:g}"/>',
             f'<geom name="head" class="collision" type="cylinder" size="{radius:g} {half:g}" '
             f'pos="0 0 {shade["end"] - half:g}"/>',
         ],

@@ -178,8 +178,9 @@ def test_positive_angles_pitch_forward(bare: mujoco.MjModel, lamp: Lamp) -> None
 
 def test_no_part_touches_another_inside_the_limits(bare: mujoco.MjModel, lamp: Lamp) -> None:
     names = {bare.geom(i).name: i for i in range(bare.ngeom)}
-    apart = (("foot", "shade"), ("foot", "bulb"), ("foot", "upper_arm"), ("foot", "lower_arm_servo"),
-             ("lower_arm", "shade"), ("lower_arm", "bulb"))  # fmt: skip
+    apart = (("foot", "shade"), ("foot", "bulb"), ("foot", "upper_arm"), ("foot", "lower_arm"),
+             ("foot", "lower_arm_servo"), ("lower_arm", "shade"), ("lower_arm", "bulb"),
+             ("lower_arm_servo", "shade"))  # fmt: skip
     data = mujoco.MjData(bare)
     address = [bare.joint(name).qposadr[0] for name in lamp.names]
     grid = [np.linspace(low, high, 7) for low, high in zip(lamp.lower, lamp.upper, strict=True)]

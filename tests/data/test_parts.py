@@ -157,6 +157,27 @@ def test_what_cannot_be_built_is_refused_before_the_kernel_loads(
     assert sorted(tmp_path.rglob("*")) == before
 
 
+def test_a_build_replaces_all_its_files_or_none(tmp_path: Path) -> None:
+    written, there = tmp_path / "new", tmp_path / "there"
+    for folder in (written, there):
+        folder.mkdir()
+    for name in ("changed", "first", "last"):
+        (written / name).write_text("new")
+    (there / "changed").write_text("old")
+    (there / "file").write_text("in the way of a folder")
+    places = {name: there / name for name in ("changed", "first")} | {"last": there / "file" / "last"}
+    before = {path: path.read_text() for path in there.iterdir()}
+    script = "import sys, build; from pathlib import Path; build._replace(dict(zip(*[map(Path, sys.argv[1:])] * 2)))"
+    pairs = [str(path) for name, place in places.items() for path in (written / name, place)]
+    command = [sys.executable, "-B", "-c", script, *pairs]
+    done = subprocess.run(command, cwd=CAD, capture_output=True, text=True, check=False)
+    assert "NotADirectoryError" in done.stderr or "FileExistsError" in done.stderr
+    assert {path: path.read_text() for path in there.iterdir()} == before
+    done = subprocess.run(command[:-2], cwd=CAD, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (there / "changed").read_text() == (there / "first").read_text() == "new"
+
+
 def test_limits_come_inside_stops_that_are_closer(tmp_path: Path) -> None:
     """The knee's stop of a lamp with arms of 90 mm; what need not change keeps its bytes."""
     path = tmp_path / "lamp.toml"
