@@ -17,7 +17,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -42,7 +42,7 @@ GOALS = (0.2, 0.4, 0.6)
 PERIOD = 0.02
 """Of the recorded goals [s]."""
 
-_NUDGE = 0.002  # rad: by how much the first goals of the starts differ, from first to last
+_NUDGE = 0.02  # rad: by how much the first goals of the starts differ, from first to last
 _NUDGED = 5  # ticks
 _UPRIGHT = math.cos(math.radians(70.0))
 
@@ -128,7 +128,7 @@ def main() -> None:
     parser.add_argument("--starts", type=int, default=20)
     parser.add_argument("--stiffness", type=float, nargs="+", default=[20, 40, 100, 200, 400, 1000, 10_000, math.inf])
     parser.add_argument("--play", type=float, nargs="+", default=[0, 2, 5, 10], help="[mrad]")
-    parser.add_argument("--steps", type=float, nargs="+", help="[ms]; by default those of each lamp")
+    parser.add_argument("--steps", type=float, nargs="+", default=[2, 1, 0.5], help="[ms]")
     parser.add_argument("--knobs", action="store_true", help="the other things that a reality changes")
     parser.add_argument("--record", metavar="CONTROLLER", help="write the goals anew: those it sends")
     options = parser.parse_args()
@@ -142,21 +142,20 @@ def main() -> None:
     if options.knobs:
         for knob, values in KNOBS.items():
             for value in values:
-                compare(f"{knob} {value:g}", options, [2, 1, 0.5], lambda step, k=knob, v=value: bent(step, k, v))
+                compare(f"{knob} {value:g}", options, lambda step, k=knob, v=value: bent(step, k, v))
         return
     for stiffness in options.stiffness:
         for play in options.play:
-            steps = [4, 2, 1, 0.5] if math.isinf(stiffness) and not play else [1, 0.5, 0.25]
             compare(
-                f"{stiffness:g} Nm/rad, {play:g} mrad", options, steps,
+                f"{stiffness:g} Nm/rad, {play:g} mrad", options,
                 lambda step, k=stiffness, p=play: lamp(step, k, p / 1e3),
             )  # fmt: skip
 
 
-def compare(name: str, options: argparse.Namespace, steps: Sequence[float], make: Callable[[float], TwinModel]) -> None:
+def compare(name: str, options: argparse.Namespace, make: Callable[[float], TwinModel]) -> None:
     """Print a line for each step [ms] of a lamp."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for step in options.steps or steps:
+        for step in options.steps:
             twin = make(step / 1e3)
             found = pool.map(lambda goal, twin=twin: landings(twin, goal, options.starts), GOALS)
             print(f"{name:30}{step:9g}" + "".join(map(_told, found)), flush=True)

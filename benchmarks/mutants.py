@@ -50,6 +50,7 @@ ROOMS = {  # patterns of its files, and the folders of its tests: its own first,
     "signals": ("signals.py", ["contract", "runtime", "robot", "twin", "log"]),
 }
 LEAST = 20  # mutants a room, where it has as many; the rest in proportion to what each has
+HALFWAY = "halfway"  # survived the tests of its room, not yet tried by those of others
 GOAL = 0.9  # share to be killed of those that are not equivalent
 ALLOWANCE = 120.0  # s: what a mutant's tests may take beside four times what they took before: imports, compiling
 MARK = "ROBOLAMP_MUTANT"  # in the environment of every process of a mutant, so that all of them are found and ended
@@ -442,9 +443,8 @@ def report(mutants: list[Mutant], results: dict[str, dict[str, Any]]) -> float:
         found = table[room]
         dead = found["killed"] + found["timeout"]
         score = dead / max(dead + found["survived"], 1)
-        row = (
-            f"{found['killed']:9}{found['timeout']:9}{found['survived']:9}{found['equivalent']:11}{found['not run']:9}"
-        )
+        waiting = found["not run"] + found[HALFWAY]
+        row = f"{found['killed']:9}{found['timeout']:9}{found['survived']:9}{found['equivalent']:11}{waiting:9}"
         print(f"{room:12}{found.total():9}{row}{score:8.0%}")
     return score
 
@@ -477,7 +477,8 @@ def main() -> None:
     left = [
         each
         for each in mutants
-        if each.key not in results or (options.again and results[each.key]["result"] == "survived")
+        if results.get(each.key, {"result": HALFWAY})["result"] == HALFWAY
+        or (options.again and results[each.key]["result"] == "survived")
     ]
     if left and not options.report:
         _run(left, options, log, results)
@@ -492,21 +493,24 @@ def _run(left: list[Mutant], options: argparse.Namespace, log: Path, results: di
         try:
             for index in range(options.workers):
                 copies.put(Copy(Path(place) / f"copy{index}"))
+            halfway = [mutant for mutant in left if mutant.key in results and results[mutant.key]["result"] == HALFWAY]
+            left = [mutant for mutant in left if mutant not in halfway]
             for stage in (slice(0, 1), slice(1, None)):  # a room's own tests first: those of others are for few
+                left += [] if stage.stop else halfway
                 places = {place for mutant in left for place in ROOMS[mutant.room][1][stage]}
                 known = measured(places, copies, options.folder, pool)
                 waiting = {pool.submit(judge, mutant, copies, known): mutant for mutant in left}
-                left = []
                 for future in as_completed(waiting):
                     line = future.result()
                     if line["result"] == "survived" and stage.stop:
-                        left.append(waiting[future])
-                        continue
+                        line["result"] = HALFWAY
+                        halfway.append(waiting[future])
                     results[line["key"]] = line
                     with log.open("a") as stream:
                         stream.write(json.dumps(line) + "\n")
                     where = f"{line['path']}:{line['line']}"
                     print(f"{line['result']:9} {line['seconds']:6.1f} s  {where}  {line['change']}", flush=True)
+                left = []
         finally:
             Copy.stopped.set()
             pool.shutdown(wait=False, cancel_futures=True)

@@ -222,7 +222,7 @@ def build(
         calibration: The numbers.
         assets: Where the model file is.
         bend: How this lamp differs from the calibrated one.
-        timestep: Physics step [s]; None: the model's own. With play or bending it is at most `YIELDING_STEP`.
+        timestep: Physics step [s]; None: the model's own.
         pole: A pole across its way; None: a free desk.
         clamped: Whether the base is clamped to the desk.
         reshape: Changes the specification last, before it is compiled: what a calibration cannot express.
@@ -278,7 +278,8 @@ def build(
         if geom.name in ("floor", "foot"):
             geom.friction[0] = friction
             geom.solref[0] *= calibration.lamp("contact_softness")
-    add_gears(spec, lamp.names, *_yielding(lamp, calibration, bend))
+    play, stiffness = _yielding(lamp, calibration, bend)
+    add_gears(spec, lamp.names, play, stiffness)
     if reshape is not None:
         reshape(spec)
     if not looks:
@@ -314,7 +315,7 @@ def build(
         qpos=np.array([model.joint(name).qposadr[0] for name in lamp.names]),
         dof=np.array([model.joint(name).dofadr[0] for name in lamp.names]),
         actuator=np.array([model.actuator(name).id for name in lamp.names]),
-        gears=Gears.of(model, lamp.names),
+        gears=Gears.of(model, lamp.names, play, stiffness),
         supply_resistance=calibration.lamp("supply_resistance"),
         foot_sensor=int(model.sensor("foot_force").adr[0]),
         foot_radius=float(model.geom("foot").size[0]),

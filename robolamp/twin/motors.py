@@ -18,7 +18,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from robolamp.jit import njit
-from robolamp.twin.gears import Gears
+from robolamp.twin.gears import Gears, gear_inertia, gear_torque, read_beyond, read_speed
 from robolamp.twin.servo import (
     OPEN,
     REFERENCE_TEMPERATURE,
@@ -104,6 +104,8 @@ class Views:
         loss: `dof_frictionloss`, shape (k, nv) [Nm]; written to.
         gains: `actuator_gainprm`, shape (k, nu, 10 or more); written to. Of no lanes where all motors stay as compiled.
         viscous: `actuator_damping`, shape (k, nu, ...); written to. Of no lanes where it depends on no temperature.
+        applied: `qfrc_applied`, shape (k, nv); written to [Nm].
+        armature: `dof_armature`, shape (k, nv); written to. Of no lanes where all joints are rigid.
     """
 
     qpos: Array
@@ -114,6 +116,8 @@ class Views:
     loss: Array
     gains: Array
     viscous: Array
+    applied: Array
+    armature: Array
 
     @classmethod
     def of_batch(cls, batch: Batch, twins: Sequence[Driven], *, gains: bool = False) -> Views:
@@ -127,11 +131,14 @@ class Views:
         bind = batch.bind
         gains = gains or any(twin.servos.weakens or twin.supply_resistance > 0.0 for twin in twins)
         thickens = any(twin.servos.viscous_temperature.any() for twin in twins)
+        yields = any((twin.gears.dof >= 0).any() for twin in twins)
         return cls(
             bind("qpos"), bind("qvel"), bind("ctrl"), bind("qfrc_actuator"), bind("qfrc_bias"),
             loss=batch.expand("dof_frictionloss"),
             gains=batch.expand("actuator_gainprm") if gains else np.empty((0, 0, 0)),
             viscous=batch.expand("actuator_damping") if thickens else np.empty((0, 0)),
+            applied=bind("qfrc_applied"),
+            armature=batch.expand("dof_armature") if yields else np.empty((0, 0)),
         )  # fmt: skip
 
     @classmethod
@@ -140,7 +147,7 @@ class Views:
         return cls(
             data.qpos[None], data.qvel[None], data.ctrl[None], data.qfrc_actuator[None], data.qfrc_bias[None],
             loss=model.dof_frictionloss[None], gains=model.actuator_gainprm[None],
-            viscous=model.actuator_damping[None],
+            viscous=model.actuator_damping[None], applied=data.qfrc_applied[None], armature=model.dof_armature[None],
         )  # fmt: skip
 
 
@@ -173,9 +180,10 @@ class Motors:
         twin = twins[0]
         variant = np.arange(len(twins)) if variant is None else variant
         shape = lanes, n = len(variant), len(twin.dof)
-        self._views, self._gears, self._qpos = views, twin.gears, twin.qpos
-        self._dof = twin.dof
-        self._where = np.stack([twin.gears.play, twin.dof, twin.actuator])
+        self._views, self._qpos, self._dof = views, twin.qpos, twin.dof
+        self._bent = twin.gears.qpos[twin.gears.qpos >= 0]
+        self._where = np.stack([twin.gears.qpos, twin.dof, twin.actuator, twin.gears.dof, twin.qpos])
+        self._gears = np.stack([each.gears.table for each in twins])[variant]
         self._table = np.stack([each.servos.table for each in twins])[variant]
         self._supply = np.array([each.supply_resistance for each in twins])[variant]
         self._thickens = any(each.servos.viscous_temperature.any() for each in twins)
@@ -195,22 +203,21 @@ class Motors:
         self.goal = np.zeros(shape)
         self._sent = np.zeros((lanes, n, int(self._steps.max()) + 2))
         self._head = 0
-        self._plays = twin.gears.play >= 0
 
     @property
     def angle(self) -> Array:
         """Angles at the servos' horns, where the encoders are, shape (k, n) [rad]."""
-        return self._with_play(self._views.qpos, self._qpos, self._gears.play)
+        return self._read()[0]
 
     @property
     def velocity(self) -> Array:
         """Speeds at the servos' horns, shape (k, n) [rad/s]."""
-        return self._with_play(self._views.qvel, self._dof, self._gears.play_dof)
+        return self._read()[1]
 
-    def _with_play(self, values: Array, joint: Indices, play: Indices) -> Array:
-        found = values[:, joint]
-        found[:, self._plays] += values[:, play[self._plays]]
-        return found
+    def _read(self) -> tuple[Array, Array]:
+        angle, speed = np.empty_like(self.goal), np.empty_like(self.goal)
+        _read(self._where, self._gears, self._views.qpos, self._views.qvel, angle, speed)
+        return angle, speed
 
     @property
     def torque(self) -> Array:
@@ -240,8 +247,7 @@ class Motors:
     def place(self, angle: Array) -> None:
         """Put joints to angles, shape (n,) or (k, n) [rad], at rest, in the middle of their play and not bent."""
         self._views.qpos[:, self._qpos] = angle
-        for address in (self._gears.play, self._gears.bending):
-            self._views.qpos[:, address[address >= 0]] = 0.0
+        self._views.qpos[:, self._bent] = 0.0
 
     def turn(self, angle: Array) -> None:
         """Turn joints until their horns are at angles, shape (n,) [rad]; gears stay pushed, links bent."""
@@ -274,9 +280,9 @@ class Motors:
             _thicken(lanes, self._where, self._table, self.temperature, views.viscous)
         self._head = (self._head + 1) % self._sent.shape[2]
         _regulate(
-            lanes, self._where, self._qpos, self._table, views.motor, views.bias, views.qpos, views.qvel, self.held,
+            lanes, self._where, self._table, self._gears, views.motor, views.bias, views.qpos, views.qvel, self.held,
             self.goal, self._sent, self._head, self._steps, self._part, self.misreading, self.by_duty, self.voltage,
-            self._speed, views.loss, views.ctrl,
+            self._speed, views.loss, views.ctrl, views.applied, views.armature,
         )  # fmt: skip
 
 
@@ -305,8 +311,8 @@ def _feed(
 
     Args:
         lanes: Which, of k.
-        where: Position address of each joint's play or -1, the joint's degree of freedom, and its actuator, shape
-            (3, n).
+        where: Position address of each joint's gear or -1, the joint's degree of freedom, its actuator, the gear's
+            degree of freedom or -1, and the joint's position address, shape (5, n).
         table: `ServoParameters.table` of each lane, shape (k, n, parameters).
         motor: See `Views`.
         velocity: `Views.qvel`.
@@ -361,8 +367,8 @@ def _thicken(lanes: Indices, where: Indices, table: Array, temperature: Array, d
 def _regulate(
     lanes: Indices,
     where: Indices,
-    position: Indices,
     table: Array,
+    gears: Array,
     motor: Array,
     bias: Array,
     qpos: Array,
@@ -379,16 +385,18 @@ def _regulate(
     formed: Array,
     loss: Array,
     ctrl: Array,
+    applied: Array,
+    armature: Array,
 ) -> None:
-    """Write friction and controls of some lanes: let motors regulate what encoders read, after the servos' delay.
+    """Write gears, friction and controls of some lanes: let motors regulate what encoders read, after their delay.
 
     An actuator regulates its joint, so its control is the delayed goal less what the encoder reads beyond the joint.
 
     Args:
         lanes: Which, of k.
         where: See `_feed`.
-        position: Position address of each joint, shape (n,).
         table: See `_feed`.
+        gears: `Gears.table` of each lane, shape (k, n, 5).
         motor: See `Views`.
         bias: See `Views`.
         qpos: See `Views`.
@@ -405,12 +413,19 @@ def _regulate(
         formed: Speeds that this step's torques are formed with, shape (k, n) [rad/s]; written to.
         loss: See `Views`; written to.
         ctrl: See `Views`; written to.
+        applied: See `Views`; written to.
+        armature: See `Views`; written to.
     """
     for index in range(lanes.shape[0]):
         lane = lanes[index]
         for joint in range(where.shape[1]):
-            play, dof = where[0, joint], where[1, joint]
-            speed = velocity[lane, dof]
+            gear, dof = where[0, joint], where[1, joint]
+            speed, beyond = velocity[lane, dof], misreading[lane, joint]
+            if gear >= 0:
+                bent, turns = gears[lane, joint], where[3, joint]
+                applied[lane, turns] = gear_torque(bent, qpos[lane, gear], velocity[lane, turns])
+                armature[lane, turns] = gear_inertia(bent, qpos[lane, gear])
+                beyond += read_beyond(bent, qpos[lane, gear])
             formed[lane, joint] = speed
             friction = friction_loss(table[lane, joint], motor[lane, dof], -bias[lane, dof], speed)
             loss[lane, dof] = HAND if held[lane, joint] else friction
@@ -419,9 +434,8 @@ def _regulate(
             newer, older = ring[head - back], ring[head - back - 1]  # below 0: from the ring's end on
             late = newer + part[lane, joint] * (older - newer)
             if by_duty[lane, joint]:
-                ctrl[lane, where[2, joint]] = qpos[lane, position[joint]] + late * voltage[lane, joint]
+                ctrl[lane, where[2, joint]] = qpos[lane, where[4, joint]] + late * voltage[lane, joint]
                 continue
-            beyond = misreading[lane, joint] + (qpos[lane, play] if play >= 0 else 0.0)
             ctrl[lane, where[2, joint]] = late - beyond
 
 
@@ -436,3 +450,17 @@ def _duties(table: Array, resistance: Array, torque: Array, speed: Array, voltag
                     table[lane, joint], resistance[lane, joint], torque[lane, joint], speed[lane, joint],
                     voltage[lane, joint],
                 )  # fmt: skip
+
+
+@njit(nogil=True, error_model="numpy")
+def _read(where: Indices, gears: Array, qpos: Array, velocity: Array, angle: Array, speed: Array) -> None:
+    """Write what the encoders read into `angle` and how fast it changes into `speed`, shape (k, n); see `_regulate`."""
+    for lane in range(angle.shape[0]):
+        for joint in range(angle.shape[1]):
+            angle[lane, joint] = qpos[lane, where[4, joint]]
+            speed[lane, joint] = velocity[lane, where[1, joint]]
+            gear = where[0, joint]
+            if gear >= 0:
+                bent, turning = gears[lane, joint], velocity[lane, where[3, joint]]
+                angle[lane, joint] += read_beyond(bent, qpos[lane, gear])
+                speed[lane, joint] += read_speed(bent, qpos[lane, gear], turning)

@@ -18,6 +18,7 @@ from robolamp.emulator.reality.reality import Reality
 from robolamp.emulator.servo.drive import Drive
 from robolamp.lamp import load_lamp
 from robolamp.twin.fleet import Fleet, Job
+from robolamp.twin.gears import TEETH
 from robolamp.twin.lamp_body import Body
 from robolamp.twin.lamp_model import Bend, TwinModel, build
 
@@ -62,8 +63,7 @@ def swung(calibration: Calibration, ticks: int = 60) -> Array:
 def test_values_that_are_off_leave_the_model_as_it_was() -> None:
     plain, off = twin(NOMINAL).model, twin(changed(supply_resistance=0.0)).model
     assert plain.nq == off.nq == 10
-    assert (twin(NOMINAL).gears.play < 0).all()
-    assert (twin(NOMINAL).gears.bending < 0).all()
+    assert (twin(NOMINAL).gears.qpos < 0).all()
     np.testing.assert_array_equal(swung(NOMINAL), swung(changed(supply_resistance=0.0)))
 
 
@@ -89,20 +89,48 @@ def test_a_delay_ends_within_a_step_too() -> None:
         assert np.abs(middle - (early + latest) / 2).mean() < 0.05 * apart, backlash
 
 
-def test_a_link_rests_at_the_end_of_its_play() -> None:
-    body = Body(twin(changed(play=0.02), clamped=True))
+def standing(calibration: Calibration) -> tuple[Array, Array, Array]:
+    """Return the loads [Nm], the gears [rad] and what encoders read beyond the joints of a lamp that came to rest."""
+    body = Body(twin(calibration, clamped=True))
     body.set_goal(np.array([0.4, 0.4, 0.3]))
-    body.step(500)
-    load = body.data.qfrc_bias[body._twin.dof]
-    np.testing.assert_allclose(body.data.qpos[body._twin.gears.play], 0.01 * np.sign(-load), atol=1e-3)
+    body.step(2000)
+    read = body.angle - body.data.qpos[body._twin.qpos]
+    return -body.data.qfrc_bias[body._twin.dof], body.data.qpos[body._twin.gears.qpos], read
+
+
+def test_a_link_rests_at_the_end_of_its_play_and_bends_the_teeth() -> None:
+    load, gear, read = standing(changed(play=0.02))
+    np.testing.assert_allclose(gear, 0.01 * np.sign(load) + load / TEETH, atol=1e-4)
+    np.testing.assert_allclose(read, gear, atol=1e-12)
 
 
 def test_every_joint_bends_under_its_load_behind_the_encoder() -> None:
-    body = Body(twin(changed(arm_stiffness=10.0), clamped=True))
-    body.step(4000)
-    load = -body.data.qfrc_bias[body._twin.dof]
-    np.testing.assert_allclose(body.data.qpos[body._twin.gears.bending], load / 10.0, rtol=0.05)
-    np.testing.assert_array_equal(body.angle, body.data.qpos[body._twin.qpos])
+    load, gear, read = standing(changed(arm_stiffness=10.0))
+    np.testing.assert_allclose(gear, load / 10.0, atol=1e-4)
+    np.testing.assert_array_equal(read, 0.0)
+
+
+def test_an_encoder_reads_play_and_teeth_but_not_what_bends_behind_it() -> None:
+    load, gear, read = standing(changed(play=0.02, arm_stiffness=10.0))
+    np.testing.assert_allclose(gear, 0.01 * np.sign(load) + load / TEETH + load / 10.0, atol=1e-4)
+    np.testing.assert_allclose(read, 0.01 * np.sign(load) + load / TEETH, atol=1e-4)
+
+
+def test_the_speed_at_the_horn_is_how_the_angle_there_changes() -> None:
+    """Through the play and at its ends, with springs on both sides of the encoder."""
+    calibration = changed(play=0.02, arm_stiffness=10.0)
+    body = Body(build(DESK, calibration, ASSETS, clamped=True, timestep=1e-4))
+    body.set_goal(np.array([0.4, 0.4, 0.3]))
+    angles, speeds, gears = [], [], []
+    for _ in range(4000):
+        body.step()
+        angles.append(body.angle)
+        speeds.append(body.velocity)
+        gears.append(body.data.qpos[body._twin.gears.qpos].copy())
+    inside = np.abs(gears) < 0.01
+    assert 0.02 < inside.mean() < 0.98
+    same = inside[1:] == inside[:-1]
+    np.testing.assert_allclose((np.diff(angles, axis=0) / 1e-4)[same], np.array(speeds)[1:][same], atol=0.02)
 
 
 @pytest.mark.parametrize(

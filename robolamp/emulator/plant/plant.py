@@ -65,7 +65,6 @@ class Plant:
         self._motors = Motors([replace(twin, supply_resistance=0.0)], Views.of_one(twin.model, data))
         self._driver = Driver(self._motors)
         self._held = self._motors.held[0]
-        self._turning = twin.gears.dofs(twin.dof)
         self._held[:] = True
         self._steps = 0
         self._known: tuple[Array, Array] | None = None  # duties and currents: servos ask often
@@ -134,7 +133,7 @@ class Plant:
         """Set what a servo does to its motor from the next step on, and take the hand off it; see `Driver.drive`."""
         if drive.torque and self._held[joint]:
             self._held[joint] = False
-            self._data.qfrc_applied[self._turning[joint]] = 0.0
+            self._data.qfrc_applied[self._twin.dof[joint]] = 0.0
         self._driver.drive(joint, drive, late)
 
     def warm(self, temperature: Array) -> None:
@@ -162,9 +161,11 @@ class Plant:
         if self._encoders:
             self._motors.misreading[0] = self.reading - self.angle
         self._motors.before_step()
-        if self._held.any():
-            held = np.concatenate([self._turning[joint] for joint in np.flatnonzero(self._held)])
-            data.qfrc_applied[held] = data.qfrc_bias[held]  # a hand carries the weight too: friction alone creeps
+        if self._held.any():  # a hand carries the weight too: friction alone creeps
+            held, gears = self._twin.dof[self._held], self._twin.gears.dof[self._held]
+            data.qfrc_applied[held] = data.qfrc_bias[held]
+            gears = gears[gears >= 0]  # their springs have been written
+            data.qfrc_applied[gears] += data.qfrc_bias[gears]
         before = data.time
         mujoco.mj_step(self._model, data)
         if data.time <= before:  # MuJoCo resets what diverges, and only its clock tells
