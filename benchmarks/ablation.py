@@ -21,7 +21,7 @@ from robolamp.evolve.task import load_task
 from robolamp.lamp import load_lamp
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.lamp_model import build
-from robolamp.twin.spread import load_spread
+from robolamp.twin.random_lamps import LampLaw
 
 ASSETS = Assets()
 LAMP = load_lamp(ASSETS)
@@ -46,9 +46,8 @@ VARIANTS: dict[str, tuple[list[str], float, bool]] = {
 
 def judged(controller: Controller, lamps: int) -> str:
     """Return a controller's row: hits, falls, median and 90th percentile of |error|, flight share."""
-    rng, spread = np.random.default_rng(2026), load_spread(ASSETS)
-    twins = [build(LAMP, CALIBRATION, ASSETS)]
-    twins += [build(LAMP, CALIBRATION, ASSETS, spread.draw(rng, len(LAMP.joints))) for _ in range(lamps)]
+    rng, law = np.random.default_rng(2026), LampLaw(LAMP, CALIBRATION, ASSETS)
+    twins = [build(LAMP, numbers, ASSETS, bend) for numbers, bend in (law.draw(rng) for _ in range(lamps))]
     jobs = [Job(0, variant, float(goal)) for variant in range(len(twins)) for goal in GOALS]
     program = controller.compile(all_terminals(len(LAMP.joints)))
     outcome = Fleet(twins, controller.control_period).run([program], jobs, 5.0)

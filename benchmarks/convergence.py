@@ -19,7 +19,6 @@ import math
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,13 +27,12 @@ from numpy.typing import NDArray
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.controller.controller_file import load_controller
-from robolamp.emulator.reality.mechanics import Bender
-from robolamp.emulator.reality.reality import Reality
 from robolamp.errors import RobolampError
 from robolamp.files import write_atomic
 from robolamp.lamp import load_lamp
+from robolamp.twin.bend import Bend
 from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.lamp_model import Bend, TwinModel, build
+from robolamp.twin.lamp_model import TwinModel, build
 
 GOALS = (0.2, 0.4, 0.6)
 """How far the recorded hops were sent [m]."""
@@ -53,7 +51,7 @@ KNOBS: dict[str, tuple[float, float]] = {
     "mass": (0.9, 1.1), "delay": (-0.003, 0.003), "supply": (-0.5, 0.5), "floor_friction": (0.5, 1.5),
     "floor_tilt": (-0.03, 0.03), "floor_softness": (1.5, 3.0),
 }  # fmt: skip
-"""Of a reality: what is tried of each."""
+"""What is tried of each attribute of `Bend`."""
 
 Array = NDArray[np.float64]
 
@@ -99,14 +97,11 @@ def bent(step: float, knob: str, value: float) -> TwinModel:
 
     Args:
         step: Physics step [s].
-        knob: An attribute of `Reality`.
+        knob: An attribute of `Bend`.
         value: Of it.
     """
     assets = Assets()
-    lamp = load_lamp(assets)
-    bender = Bender(lamp, replace(Reality.none(lamp), **{knob: value}))
-    twin = build(lamp, load_calibration(assets), assets, bender.bend, timestep=step, reshape=bender.reshape)
-    return bender.finish(twin).twin
+    return build(load_lamp(assets), load_calibration(assets), assets, Bend(**{knob: value}), timestep=step)
 
 
 def landings(twin: TwinModel, goal: float, starts: int = 1) -> Array:

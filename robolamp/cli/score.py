@@ -34,6 +34,7 @@ def score(
     goals: str | None = None,
     lamps: Annotated[int | None, Parameter(validator=validators.Number(gte=1, lte=1000))] = None,
     spread: Annotated[float | None, Parameter(validator=validators.Number(gte=0, lte=5))] = None,
+    spread_file: str | None = None,
     seed: Annotated[int | None, Parameter(validator=validators.Number(gte=0))] = None,
     duration: Annotated[float | None, DURATION] = None,
     goal_time: Annotated[float | None, GOAL_TIME] = None,
@@ -58,7 +59,9 @@ def score(
         Instead of the calibrated lamp, this many lamps drawn from the spread, sim/tasks/spread.toml, and from the
         calibration's covariance if it was fitted (sim/tasks/README.md).
     spread
-        With --lamps: factor on the spread, all its standard deviations (1).
+        With --lamps: factor on the spread, all its deviations (1).
+    spread_file
+        With --lamps: the spread, a file or a name in sim/tasks/ (spread; spread-narrow: six numbers of a rigid lamp).
     seed
         With --lamps: seed of the drawn lamps (1). For a figure other than the lamp: of the points.
     duration
@@ -84,20 +87,21 @@ def score(
     """
     setup = Setup.of(lamp, calibration)
     lamp_alone = {
-        "--lamps": lamps, "--spread": spread, "--goal-time": goal_time, "--pole": pole, "--pole-at": pole_at,
+        "--lamps": lamps, "--spread": spread, "--spread-file": spread_file, "--goal-time": goal_time, "--pole": pole,
+        "--pole-at": pole_at,
         "--calibration": calibration != "nominal",
     }  # fmt: skip
     limbo = pole_of(pole, pole_at)
     stage = stage_of(setup, controller, task, lamp_alone, goal_time=goal_time, pole=limbo)
     drawn_from = ""
     if lamps is not None:
-        law = LampLaw(setup.lamp, setup.calibration, setup.assets)
+        law = LampLaw(setup.lamp, setup.calibration, setup.assets, spread_file or "spread")
         rng, scale = np.random.default_rng(1 if seed is None else seed), 1.0 if spread is None else spread
         drawn, drawn_from = [law.draw(rng, scale) for _ in range(lamps)], law.source
         twins = [build(setup.lamp, numbers, setup.assets, bend, pole=limbo) for numbers, bend in drawn]
         stage = replace(stage, twins=twins)
     elif stage.task is None:
-        for option, given in (("--spread", spread), ("--seed", seed)):
+        for option, given in (("--spread", spread), ("--spread-file", spread_file), ("--seed", seed)):
             if given is not None:
                 raise RobolampError("is for lamps that are drawn; give --lamps, too", option)
     jobs = stage.jobs(goals, "--goals", _GOALS, seed)

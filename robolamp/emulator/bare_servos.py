@@ -56,7 +56,7 @@ class BareServos:
         reality: Reality | None = None,
     ) -> None:
         self._steps = 0
-        self._reality = reality or Reality("none")
+        self._reality = reality or Reality(name="none")
         self._supply = [servo.voltage + self._reality.supply for servo in descriptions]
         self._room = ROOM if reality is None else reality.temperature
         self.motors = [self._motor(servo) for servo in descriptions]

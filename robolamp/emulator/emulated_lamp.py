@@ -19,7 +19,6 @@ from robolamp.emulator.faults.strike import strike
 from robolamp.emulator.foot_sensor import FootSensor
 from robolamp.emulator.line.line import GAP, Line, Reply
 from robolamp.emulator.plant.plant import Plant
-from robolamp.emulator.reality.mechanics import Bender
 from robolamp.emulator.reality.reality import Reality
 from robolamp.emulator.servo.servo import WAKING, Drive, Sensed, Servo
 from robolamp.errors import FileError
@@ -81,10 +80,12 @@ class EmulatedLamp:
         if lamp.bus_baud not in BAUD_CODES:
             legal = ", ".join(map(str, BAUD_CODES))
             raise FileError(f"bus.baud: {lamp.bus_baud} is not one of {legal}", str(lamp.path))
-        bender = Bender(lamp, reality)
-        twin = build(lamp, calibration, assets, bender.bend, clamped=clamped, reshape=bender.reshape)
+        twin = build(lamp, calibration, assets, reality, clamped=clamped)
+        if reality.resistance_per_kelvin:
+            growth = np.full(len(lamp.joints), reality.resistance_per_kelvin)
+            twin = replace(twin, servos=replace(twin.servos, resistance_temperature=growth))
         self.lamp = lamp
-        self.plant = Plant(bender.finish(twin))
+        self.plant = Plant(twin)
         self._random = np.random.default_rng(reality.seed)
         self._reality = reality
         self._watchers: list[Callable[[EmulatedLamp], None]] = []
@@ -115,11 +116,11 @@ class EmulatedLamp:
         self.line = Line(self.servos, lamp.bus_baud, self.advance_to, latency, gap, self.injector)
         if factory:
             self.line.unplugged = set(range(1, len(self.servos)))
-        self._supply = (twin.supply_resistance + reality.resistance, reality.drain)
+        self._supply = twin.supply_resistance, reality.drain
         self._drop = 0.0  # over the supply's resistance [V]
         self._warmed = 0.0  # when the windings' resistance was last brought up to date [s]
         self._forces: deque[float] = deque(maxlen=round(reality.foot_dead_time / self.plant.timestep) + 1)
-        self._foot = FootSensor(twin.foot_gain * reality.foot_gain, lambda: self._foot_error(reality))
+        self._foot = FootSensor(twin.foot_gain, lambda: self._foot_error(reality))
 
     @property
     def time(self) -> float:

@@ -43,6 +43,7 @@ class Cases:
         high: Largest [m].
         spacing: Smallest distance between two [m].
         lamps: How many lamps each is tried on: the calibrated one, and others drawn from the spread.
+        spread: Which spread, a file or the name of one in sim/tasks/.
         fresh: Drawn anew each generation, instead of once a run.
         goal_time: Smallest and largest time commanded for the way [s]; None: none is.
         direction: Smallest and largest direction of a figure's goals, from x towards y [rad]; the lamp's are ahead.
@@ -53,6 +54,7 @@ class Cases:
     high: float
     spacing: float
     lamps: int
+    spread: str
     fresh: bool
     goal_time: tuple[float, float] | None
     direction: tuple[float, float]
@@ -257,6 +259,7 @@ def _cases(table: Table, figure: str | Figure) -> Cases:
         high=table.number("high", low, 100.0, "m"),
         spacing=table.number("spacing", 0.0, 100.0, "m"),
         lamps=table.integer("lamps", 1, 1000) if isinstance(figure, str) else table.integer("lamps", 1, 1, default=1),
+        spread=table.text("spread", default="spread") if isinstance(figure, str) else "",
         fresh=table.flag("fresh", default=False),
         goal_time=_pair(table, "goal_time", 0.1, 600.0) if "goal_time" in table else None,
         direction=_directions(table),
@@ -332,7 +335,7 @@ def load_task(assets: Assets, name: str | Path, joints: int = 3, overrides: Sequ
         FileError: The file is missing or malformed; the message names the key and what was expected.
         RobolampError: An override is no KEY=VALUE.
     """
-    path = assets.named(name, "sim/tasks", "task", exclude=("spread",))
+    path = assets.named(name, "sim/tasks", "task", exclude=("spread", "spread-narrow"))
     source = read_text(path, MOST_TOML)
     parse_toml(source, str(path))
     try:

@@ -11,8 +11,10 @@ from robolamp.calibration import Calibration
 from robolamp.evolve.task import Task
 from robolamp.figure import Driven, Figure
 from robolamp.lamp import Lamp
+from robolamp.twin.bend import Bend
 from robolamp.twin.figure_model import Twin, build_figure
-from robolamp.twin.lamp_model import Bend, TwinModel, build
+from robolamp.twin.gears import RIGID
+from robolamp.twin.lamp_model import TwinModel, build
 from robolamp.twin.random_lamps import LampLaw
 
 _LAMPS = 24  # at least, drawn for a run besides the calibrated one
@@ -46,7 +48,9 @@ def compiled(
 
     lamps = [made(calibration)]
     if task.cases.lamps > 1:
-        law = LampLaw(lamp, calibration, assets)
+        law = LampLaw(lamp, calibration, assets, task.cases.spread)
+        if law.yields and (lamps[0].gears.qpos < 0).any():  # lamps side by side are of one kind
+            lamps = [made(calibration, Bend(stiffness=RIGID))]
         others = max(_LAMPS, task.cases.lamps - 1)
         lamps += [made(*law.draw(rng)) for _ in range(others)]
     return lamps

@@ -31,6 +31,9 @@ from robolamp.jit import njit
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+RIGID = 1e4
+"""Stiffness that is as good as none: a hop lands where it does on a rigid lamp [Nm/rad]."""
+
 RETARDATION = 0.0005
 """Damping of what bends by its stiffness [s]. Chosen: it damps a lamp's 20 to 40 Hz by 3 to 6 % of critical, as printed
 plastic and screws do."""

@@ -122,6 +122,9 @@ class LampRuns(Runs):
         self.inputs = self._signals.values
         self._sees_base = bool(set(settings.terminals) & set(TWIN_ONLY))
         self._foot_gain = np.array([each.foot_gain for each in twins])[variant]
+        noise = np.array([each.foot_noise for each in twins])
+        self._foot_noise = noise[variant] if noise.any() else None
+        self._random = [np.random.default_rng(each.seed) for each in twins]  # the same noise in each run of a lamp
         # Goals under way on the line, the newest first: a delay may be longer than a control period.
         self._arrival = np.array([round(each.line_delay / twin.timestep) for each in twins])[variant]
         self._line = np.zeros((1 + math.ceil(self._arrival.max() / self._substeps), lanes.count, joints))
@@ -144,7 +147,10 @@ class LampRuns(Runs):
         if self._sees_base:
             base = np.column_stack([lanes.qpos[:, :3], lanes.qvel[:, :3], self._judged.goal_met])
             base[:, 0] -= self._goal
-        angle, pressed = measure_angle(lanes.motors.angle), measure_force(lanes.force, self._foot_gain)
+        angle, noise = measure_angle(lanes.motors.reading), 0.0
+        if self._foot_noise is not None:
+            noise = self._foot_noise * np.array([random.standard_normal() for random in self._random])[lanes.variant]
+        pressed = measure_force(lanes.force, self._foot_gain, noise)
         self._signals.update(angle, pressed, self._goal, base, goal_time=self._goal_time)
 
     def _send(self, goals: Array) -> None:

@@ -18,38 +18,12 @@ from robolamp.calibration import SERVO, Calibration
 from robolamp.errors import FileError
 from robolamp.files import read_bytes
 from robolamp.lamp import Lamp
+from robolamp.twin.bend import Bend
+from robolamp.twin.encoders import Encoders
 from robolamp.twin.gears import Gears, add_gears
 from robolamp.twin.servo import ServoParameters, hold, set_motor
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Bend:
-    """How one lamp differs from the calibrated one; the default is not at all.
-
-    Arrays have shape (n,) over the joints, or are scalars for all of them.
-
-    Attributes:
-        strength: Torque constant, times this.
-        friction: Viscous, Coulomb, Stribeck and load-dependent friction, times this.
-        mass: All masses and inertias, times this.
-        floor: Sliding friction of the floor, times this.
-        delay: Added to the servos' delay, which stays within what a calibration may hold [s].
-        supply: Added to the supply voltage [V].
-        backlash: Play of the gears, added to the joints' own [rad].
-        stiffness: Between each servo and what it turns, in series with the calibrated one [Nm/rad]; infinite: no
-            softer.
-    """
-
-    strength: NDArray[np.float64] | float = 1.0
-    friction: NDArray[np.float64] | float = 1.0
-    mass: float = 1.0
-    floor: float = 1.0
-    delay: float = 0.0
-    supply: float = 0.0
-    backlash: NDArray[np.float64] | float = 0.0
-    stiffness: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -85,6 +59,9 @@ class TwinModel:
         voltage: Supply voltage as compiled [V].
         line_delay: Time from the start of a tick to the goal's arrival at the servo [s].
         foot_gain: Foot sensor reading per true force.
+        foot_noise: Standard deviation of each reading [N].
+        seed: Of that noise.
+        encoders: How the joints' encoders are off.
         qpos: Position address of each joint, shape (n,).
         dof: Degree of freedom of each joint, shape (n,).
         actuator: Actuator of each joint, shape (n,).
@@ -104,6 +81,9 @@ class TwinModel:
     voltage: float
     line_delay: float
     foot_gain: float
+    foot_noise: float
+    seed: int
+    encoders: Encoders
     qpos: NDArray[np.int64]
     dof: NDArray[np.int64]
     actuator: NDArray[np.int64]
@@ -150,12 +130,19 @@ def quiet() -> None:
 
 
 def _bent(servos: ServoParameters, bend: Bend) -> ServoParameters:
-    names = ("viscous", "coulomb", "stribeck", "load_motor", "load_external", "load_external_stribeck")
+    rubbing, load = bend.friction, bend.friction * bend.load_friction
     return replace(
         servos,
         torque_constant=servos.torque_constant * bend.strength,
+        armature=servos.armature * bend.armature,
         delay=np.clip(servos.delay + bend.delay, SERVO["delay"].low, SERVO["delay"].high),
-        **{name: getattr(servos, name) * bend.friction for name in names},
+        viscous=servos.viscous * rubbing * bend.viscous,
+        coulomb=servos.coulomb * rubbing * bend.coulomb,
+        stribeck=servos.stribeck * rubbing * bend.stribeck,
+        stribeck_velocity=servos.stribeck_velocity * bend.stribeck_velocity,
+        load_motor=servos.load_motor * load,
+        load_external=servos.load_external * load,
+        load_external_stribeck=servos.load_external_stribeck * load,
     )
 
 
@@ -212,7 +199,6 @@ def build(
     timestep: float | None = None,
     pole: Pole | None = None,
     clamped: bool = False,
-    reshape: Callable[[mujoco.MjSpec], None] | None = None,
     looks: bool = False,
 ) -> TwinModel:
     """Compile the lamp's model with a calibration's numbers.
@@ -225,7 +211,6 @@ def build(
         timestep: Physics step [s]; None: the model's own.
         pole: A pole across its way; None: a free desk.
         clamped: Whether the base is clamped to the desk.
-        reshape: Changes the specification last, before it is compiled: what a calibration cannot express.
         looks: Whether it has the geoms that are there to be seen: `TwinModel.seen`. Without them it does the same, to
             the bit, and sooner.
 
@@ -273,25 +258,29 @@ def build(
             type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1="base",
             solref=[2.0 * spec.option.timestep, 1.0], solimp=[0.999, 0.9999, 0.001, 0.5, 2.0],
         )  # fmt: skip
-    friction = calibration.lamp("floor_friction") * bend.floor
+    friction = calibration.lamp("floor_friction") * bend.floor_friction
     for geom in spec.geoms:
         if geom.name in ("floor", "foot"):
             geom.friction[0] = friction
             geom.solref[0] *= calibration.lamp("contact_softness")
     play, stiffness = _yielding(lamp, calibration, bend)
     add_gears(spec, lamp.names, play, stiffness)
-    if reshape is not None:
-        reshape(spec)
+    for geom in spec.geoms if bend.floor_softness != 1.0 else ():
+        geom.solref[0] *= bend.floor_softness
+    if bend.floor_tilt:
+        gravity = float(np.linalg.norm(spec.option.gravity))
+        spec.option.gravity = [-gravity * math.sin(bend.floor_tilt), 0.0, -gravity * math.cos(bend.floor_tilt)]
     if not looks:
         _undress(spec)
     model = spec.compile()
-    for joint in lamp.joints:
-        link, body = calibration.joint(joint.name, "link_mass"), model.joint(joint.name).bodyid
+    for joint, own in zip(lamp.joints, np.broadcast_to(bend.link_mass, len(lamp.joints)), strict=True):
+        link, body = calibration.joint(joint.name, "link_mass") * own, model.joint(joint.name).bodyid
         model.body_mass[body] *= link
         model.body_inertia[body] *= link
     scale = calibration.lamp("mass_scale") * bend.mass
     model.body_mass[:] *= scale
     model.body_inertia[:] *= scale
+    model.body_ipos[model.body_mass > 0.0, 1] += bend.sideways
     mujoco.mj_setConst(model, mujoco.MjData(model))
     return TwinModel(
         lamp=lamp,
@@ -305,18 +294,20 @@ def build(
             timestep=timestep,
             pole=pole,
             clamped=clamped,
-            reshape=reshape,
             looks=True,
         ),
         servos=servos,
         voltage=voltage,
         line_delay=calibration.lamp("line_delay"),
-        foot_gain=calibration.lamp("foot_gain"),
+        foot_gain=calibration.lamp("foot_gain") * bend.foot_gain,
+        foot_noise=bend.foot_noise,
+        seed=bend.seed,
+        encoders=Encoders.of(lamp, bend),
         qpos=np.array([model.joint(name).qposadr[0] for name in lamp.names]),
         dof=np.array([model.joint(name).dofadr[0] for name in lamp.names]),
         actuator=np.array([model.actuator(name).id for name in lamp.names]),
         gears=Gears.of(model, lamp.names, play, stiffness),
-        supply_resistance=calibration.lamp("supply_resistance"),
+        supply_resistance=calibration.lamp("supply_resistance") + bend.resistance,
         foot_sensor=int(model.sensor("foot_force").adr[0]),
         foot_radius=float(model.geom("foot").size[0]),
         head_site=int(model.site("head").id),

@@ -18,6 +18,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from robolamp.jit import njit
+from robolamp.twin.encoders import Encoders, misreading
 from robolamp.twin.gears import Gears, gear_inertia, gear_torque, read_beyond, read_speed
 from robolamp.twin.servo import (
     OPEN,
@@ -83,6 +84,11 @@ class Driven(Protocol):
     @property
     def gears(self) -> Gears:
         """What the motors turn."""
+        ...
+
+    @property
+    def encoders(self) -> Encoders:
+        """How their encoders are off."""
         ...
 
     @property
@@ -172,7 +178,6 @@ class Motors:
         temperature: Of the servos, shape (k, n) [degC]; written by the caller.
         full: Supply voltages when no current is drawn, shape (k, n) [V]; written by the caller.
         held: Joints that a hand holds, shape (k, n); written by the caller.
-        misreading: What each encoder reads beyond the angle at its horn, shape (k, n) [rad]; written by the caller.
         voltage: Supply voltages now, shape (k, n) [V].
     """
 
@@ -184,6 +189,7 @@ class Motors:
         self._bent = twin.gears.qpos[twin.gears.qpos >= 0]
         self._where = np.stack([twin.gears.qpos, twin.dof, twin.actuator, twin.gears.dof, twin.qpos])
         self._gears = np.stack([each.gears.table for each in twins])[variant]
+        self._encoders = np.stack([each.encoders.table for each in twins])[variant]
         self._table = np.stack([each.servos.table for each in twins])[variant]
         self._supply = np.array([each.supply_resistance for each in twins])[variant]
         self._thickens = any(each.servos.viscous_temperature.any() for each in twins)
@@ -194,7 +200,6 @@ class Motors:
         self.by_duty, self.held = np.zeros(shape, bool), np.zeros(shape, bool)
         self.limit, self.driven = np.ones(shape), np.ones(shape)
         self.temperature = np.full(shape, REFERENCE_TEMPERATURE)
-        self.misreading = np.zeros(shape)
         self._resistance = np.stack([each.servos.resistance for each in twins])[variant]
         self._speed = np.zeros(shape)  # when the motors' torques were formed: before the last step
         steps = np.stack([each.servos.delay for each in twins])[variant] / twin.timestep
@@ -210,14 +215,19 @@ class Motors:
         return self._read()[0]
 
     @property
+    def reading(self) -> Array:
+        """What the encoders read of them, shape (k, n) [rad]."""
+        return self._read()[2]
+
+    @property
     def velocity(self) -> Array:
         """Speeds at the servos' horns, shape (k, n) [rad/s]."""
         return self._read()[1]
 
-    def _read(self) -> tuple[Array, Array]:
-        angle, speed = np.empty_like(self.goal), np.empty_like(self.goal)
-        _read(self._where, self._gears, self._views.qpos, self._views.qvel, angle, speed)
-        return angle, speed
+    def _read(self) -> tuple[Array, Array, Array]:
+        angle, speed, reading = (np.empty_like(self.goal) for _ in range(3))
+        _read(self._where, self._gears, self._encoders, self._views.qpos, self._views.qvel, angle, speed, reading)
+        return angle, speed, reading
 
     @property
     def torque(self) -> Array:
@@ -280,9 +290,9 @@ class Motors:
             _thicken(lanes, self._where, self._table, self.temperature, views.viscous)
         self._head = (self._head + 1) % self._sent.shape[2]
         _regulate(
-            lanes, self._where, self._table, self._gears, views.motor, views.bias, views.qpos, views.qvel, self.held,
-            self.goal, self._sent, self._head, self._steps, self._part, self.misreading, self.by_duty, self.voltage,
-            self._speed, views.loss, views.ctrl, views.applied, views.armature,
+            lanes, self._where, self._table, self._gears, self._encoders, views.motor, views.bias, views.qpos,
+            views.qvel, self.held, self.goal, self._sent, self._head, self._steps, self._part, self.by_duty,
+            self.voltage, self._speed, views.loss, views.ctrl, views.applied, views.armature,
         )  # fmt: skip
 
 
@@ -369,6 +379,7 @@ def _regulate(
     where: Indices,
     table: Array,
     gears: Array,
+    encoders: Array,
     motor: Array,
     bias: Array,
     qpos: Array,
@@ -379,7 +390,6 @@ def _regulate(
     head: int,
     steps: Indices,
     part: Array,
-    misreading: Array,
     by_duty: NDArray[np.bool_],
     voltage: Array,
     formed: Array,
@@ -397,6 +407,7 @@ def _regulate(
         where: See `_feed`.
         table: See `_feed`.
         gears: `Gears.table` of each lane, shape (k, n, 5).
+        encoders: `Encoders.table` of each lane, shape (k, n, 4).
         motor: See `Views`.
         bias: See `Views`.
         qpos: See `Views`.
@@ -407,7 +418,6 @@ def _regulate(
         head: Where in it this step's goal belongs.
         steps: Whole physics steps of each servo's delay, shape (k, n).
         part: The rest of it, in steps, shape (k, n): the goals before and after are mixed.
-        misreading: See `Motors`.
         by_duty: See `Motors`.
         voltage: See `Motors`.
         formed: Speeds that this step's torques are formed with, shape (k, n) [rad/s]; written to.
@@ -420,12 +430,14 @@ def _regulate(
         lane = lanes[index]
         for joint in range(where.shape[1]):
             gear, dof = where[0, joint], where[1, joint]
-            speed, beyond = velocity[lane, dof], misreading[lane, joint]
+            speed, angle = velocity[lane, dof], qpos[lane, where[4, joint]]
+            beyond = 0.0
             if gear >= 0:
                 bent, turns = gears[lane, joint], where[3, joint]
                 applied[lane, turns] = gear_torque(bent, qpos[lane, gear], velocity[lane, turns])
                 armature[lane, turns] = gear_inertia(bent, qpos[lane, gear])
-                beyond += read_beyond(bent, qpos[lane, gear])
+                beyond = read_beyond(bent, qpos[lane, gear])
+            beyond += misreading(encoders[lane, joint], angle + beyond)
             formed[lane, joint] = speed
             friction = friction_loss(table[lane, joint], motor[lane, dof], -bias[lane, dof], speed)
             loss[lane, dof] = HAND if held[lane, joint] else friction
@@ -434,7 +446,7 @@ def _regulate(
             newer, older = ring[head - back], ring[head - back - 1]  # below 0: from the ring's end on
             late = newer + part[lane, joint] * (older - newer)
             if by_duty[lane, joint]:
-                ctrl[lane, where[2, joint]] = qpos[lane, where[4, joint]] + late * voltage[lane, joint]
+                ctrl[lane, where[2, joint]] = angle + late * voltage[lane, joint]
                 continue
             ctrl[lane, where[2, joint]] = late - beyond
 
@@ -453,8 +465,11 @@ def _duties(table: Array, resistance: Array, torque: Array, speed: Array, voltag
 
 
 @njit(nogil=True, error_model="numpy")
-def _read(where: Indices, gears: Array, qpos: Array, velocity: Array, angle: Array, speed: Array) -> None:
-    """Write what the encoders read into `angle` and how fast it changes into `speed`, shape (k, n); see `_regulate`."""
+def _read(
+    where: Indices, gears: Array, encoders: Array, qpos: Array, velocity: Array, angle: Array, speed: Array,
+    reading: Array,
+) -> None:  # fmt: skip
+    """Write angles at the horns, how fast they change, and what the encoders read, shape (k, n); see `_regulate`."""
     for lane in range(angle.shape[0]):
         for joint in range(angle.shape[1]):
             angle[lane, joint] = qpos[lane, where[4, joint]]
@@ -464,3 +479,4 @@ def _read(where: Indices, gears: Array, qpos: Array, velocity: Array, angle: Arr
                 bent, turning = gears[lane, joint], velocity[lane, where[3, joint]]
                 angle[lane, joint] += read_beyond(bent, qpos[lane, gear])
                 speed[lane, joint] += read_speed(bent, qpos[lane, gear], turning)
+            reading[lane, joint] = angle[lane, joint] + misreading(encoders[lane, joint], angle[lane, joint])

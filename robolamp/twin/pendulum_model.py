@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from robolamp.twin.encoders import Encoders
 from robolamp.twin.gears import Gears
 from robolamp.twin.servo import ServoParameters, hold, set_motor
 
@@ -61,7 +62,7 @@ class PendulumTwin:
     # Whoever steps it says what supply and register it has.
     voltage, supply_resistance, p_gain = 1.0, 0.0, np.ones(1)
     qpos = dof = actuator = np.zeros(1, np.int64)
-    gears = Gears.rigid(len(dof))
+    gears, encoders = Gears.rigid(len(dof)), Encoders.exact(len(dof))
 
     @property
     def timestep(self) -> float:

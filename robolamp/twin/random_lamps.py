@@ -8,7 +8,7 @@ two draws what is in sim/tasks/README.md.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -18,12 +18,23 @@ from robolamp.assets import Assets
 from robolamp.calibration import JOINT, LAMP, SERVO, Calibration, Parameter
 from robolamp.errors import FileError
 from robolamp.lamp import Lamp
-from robolamp.twin.lamp_model import Bend
-from robolamp.twin.spread import CUT, Spread, load_spread
+from robolamp.twin.bend import Bend
+from robolamp.twin.spread import CUT, Law, Spread, load_spread
 
 Array = NDArray[np.float64]
 
 _ALONE = ("foot_gain", "contact_softness", "line_delay")  # of the whole lamp: drawn by their own standard errors
+_BEND = {field.name for field in fields(Bend)}
+_GEARS, _OWN = {"backlash", "stiffness"}, {"backlash", "arm_stiffness"}  # in a spread, and in a calibration
+_FITTED = {
+    "strength": "torque_constant", "friction": "coulomb", "coulomb": "coulomb", "viscous": "viscous",
+    "stribeck": "stribeck", "stribeck_velocity": "stribeck_velocity", "load_friction": "load_external",
+    "armature": "armature", "link_mass": "link_mass",
+}  # fmt: skip
+"""By key of the spread: the parameter of a joint that takes its place where it was fitted."""
+_WHOLE = {"foot_gain": "foot_gain", "floor_softness": "contact_softness", "resistance": "supply_resistance"}
+"""The same of the whole lamp."""
+
 _ROUGH = 1e-4  # what a file's rounding to six digits may do to the eigenvalues of a correlation matrix
 
 
@@ -52,22 +63,31 @@ class LampLaw:
     Args:
         lamp: The lamp's description.
         calibration: Its numbers.
-        assets: Where sim/tasks/spread.toml is.
+        assets: Where the spread is.
+        spread: A file, or the name of one in sim/tasks/.
 
     Attributes:
         source: What lamps are drawn from, in words.
+        yields: Whether drawn lamps have play or bend as the spread says, not as the calibration does.
 
     Raises:
-        FileError: spread.toml or the calibration's covariance is malformed.
+        FileError: The spread or the calibration's covariance is malformed.
     """
 
-    def __init__(self, lamp: Lamp, calibration: Calibration, assets: Assets) -> None:
+    def __init__(self, lamp: Lamp, calibration: Calibration, assets: Assets, spread: str = "spread") -> None:
         self._lamp, self._calibration = lamp, calibration
         self._covariance = covariance_of(calibration, lamp)
-        spread = load_spread(assets)
-        self._spread, self.source = spread, "spread.toml"
+        laws = load_spread(assets, spread)
+        self.source = f"{laws.name}.toml"
         if self._covariance is not None:
-            self._spread, self.source = self._beside(spread), f"{calibration.name}'s covariance and spread.toml"
+            laws, self.source = self._beside(laws), f"{calibration.name}'s covariance and {self.source}"
+        self._spread = replace(laws, laws={key: law for key, law in laws.laws.items() if key in _BEND})
+        self._own = calibration
+        if laws.laws.keys() & _GEARS:  # drawn in place of the calibration's
+            groups = calibration.groups.items()
+            without = {name: {key: at for key, at in group.items() if key not in _OWN} for name, group in groups}
+            self._own = replace(calibration, groups=without)
+        self.yields = self._own is not calibration
 
     def draw(self, rng: np.random.Generator, scale: float = 1.0) -> tuple[Calibration, Bend]:
         """Draw one lamp: the numbers to build it with, and how it is bent.
@@ -76,15 +96,15 @@ class LampLaw:
             rng: Where randomness comes from.
             scale: Every standard deviation, times this.
         """
-        bend = self._spread.draw(rng, len(self._lamp.joints), scale)
+        bend = Bend(**self._spread.draw(int(rng.integers(2**32)), len(self._lamp.joints), scale))
         found = self._covariance
         if found is None:
-            return self._calibration, bend
+            return self._own, bend
 
         def normal(count: int) -> Array:
             return scale * np.clip(rng.standard_normal(count), -CUT, CUT)
 
-        groups = {name: dict(parameters) for name, parameters in self._calibration.groups.items()}
+        groups = {name: dict(parameters) for name, parameters in self._own.groups.items()}
         for group, name, off in zip(found.groups, found.names, found.root @ normal(len(found.names)), strict=True):
             legal = SERVO.get(name) or JOINT[name]
             groups[group][name] = _moved(groups[group][name], float(off), legal.low, legal.high)
@@ -93,34 +113,40 @@ class LampLaw:
             if parameter is not None and parameter.stderr is not None:
                 error = parameter.stderr * float(off)
                 groups["lamp"][name] = _moved(parameter, error, LAMP[name].low, LAMP[name].high)
-        told = [self._told(joint.name, "torque_constant") for joint in self._lamp.joints]
-        rubbed = [self._told(joint.name, "coulomb") for joint in self._lamp.joints]
-        bend = replace(bend, strength=np.where(told, 1.0, bend.strength), friction=np.where(rubbed, 1.0, bend.friction))
-        return replace(self._calibration, groups=groups), bend
+        told = {key: [self._told(joint.name, name) for joint in self._lamp.joints] for key, name in _FITTED.items()}
+        kept = {key: np.where(joints, 1.0, getattr(bend, key)) for key, joints in told.items() if any(joints)}
+        return replace(self._own, groups=groups), replace(bend, **kept)
 
     def _beside(self, spread: Spread) -> Spread:
         """Return what is drawn beside the covariance of parameters: of the whole lamp, by its values' own errors."""
-        names = self._lamp.names
-        delays = all(self._told(name, "delay") for name in names)
-        return replace(
-            spread,
-            mass=self._relative("mass_scale", spread.mass),
-            # A desk and a supply are not the lamp: they may be others tomorrow.
-            floor=max(spread.floor, self._relative("floor_friction", 0.0)),
-            supply=max(spread.supply, self._error("supply_voltage", 0.0)),
-            delay=0.0 if delays else spread.delay,
-        )
+        laws = dict(spread.laws)
+        if all(self._told(name, "delay") for name in self._lamp.names):
+            laws.pop("delay", None)
+        for key, name in _WHOLE.items():
+            if self._error(name):
+                laws.pop(key, None)
+        joints = {f"joint {name}" for name in self._lamp.names}
+        if self._covariance and joints & set(self._covariance.groups):  # recordings said what play and bending it has
+            laws = {key: law for key, law in laws.items() if key not in _GEARS}
+        if "mass" in laws and self._error("mass_scale"):
+            laws["mass"] = Law("factor", self._error("mass_scale", relative=True))
+        # A desk and a supply are not the lamp: they may be others tomorrow.
+        for key, error in (
+            ("floor_friction", self._error("floor_friction", relative=True)), ("supply", self._error("supply_voltage")),
+        ):  # fmt: skip
+            if key in laws and error > laws[key].low:
+                laws[key] = replace(laws[key], low=error)
+        return replace(spread, laws=laws)
 
     def _told(self, joint: str, name: str) -> bool:
         return self._covariance is not None and self._covariance.told(f"joint {joint}", name)
 
-    def _error(self, name: str, otherwise: float) -> float:
+    def _error(self, name: str, *, relative: bool = False) -> float:
+        """Return the standard error of a value of the whole lamp; 0 where it has none."""
         parameter = self._calibration.groups["lamp"].get(name)
-        return otherwise if parameter is None or parameter.stderr is None else parameter.stderr
-
-    def _relative(self, name: str, otherwise: float) -> float:
-        value = self._calibration.lamp(name)
-        return self._error(name, otherwise * value) / value
+        if parameter is None or parameter.stderr is None:
+            return 0.0
+        return parameter.stderr / parameter.value if relative else parameter.stderr
 
 
 def covariance_of(calibration: Calibration, lamp: Lamp) -> Covariance | None:

@@ -15,11 +15,14 @@ def measure_angle(angle: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.round(angle / RAD_PER_COUNT) * RAD_PER_COUNT
 
 
-def measure_force(force: NDArray[np.float64], gain: NDArray[np.float64] | float = 1.0) -> NDArray[np.float64]:
+def measure_force(
+    force: NDArray[np.float64], gain: NDArray[np.float64] | float = 1.0, noise: NDArray[np.float64] | float = 0.0
+) -> NDArray[np.float64]:
     """Return floor forces as the foot sensor reads them [N], same shape.
 
     Args:
         force: True forces [N].
         gain: Reading per true force.
+        noise: Added to each reading [N].
     """
-    return np.round(force * gain / _FORCE_STEP) * _FORCE_STEP
+    return np.round((force * gain + noise) / _FORCE_STEP) * _FORCE_STEP

@@ -25,7 +25,8 @@ from robolamp.calibration import Calibration, load_calibration
 from robolamp.controller.hop_counter import shortest_flight
 from robolamp.errors import FileError, RobolampError
 from robolamp.log.reader import Run
-from robolamp.twin.lamp_model import Bend, build
+from robolamp.twin.bend import Bend
+from robolamp.twin.lamp_model import build
 from tests.calibrate.sessions import ASSETS, LAMP, NOMINAL, recorded, short, steps
 
 REALITY = """

@@ -20,7 +20,6 @@ from robolamp.calibrate.servo.recordings import Recording
 from robolamp.calibration import SERVO, Parameter, load_calibration
 from robolamp.emulator.plant.pendulum import Pendulum
 from robolamp.emulator.plant.plant import Plant
-from robolamp.emulator.reality.mechanics import Bent
 from robolamp.emulator.servo.drive import Drive
 from robolamp.lamp import load_lamp
 from robolamp.twin.lamp_body import Body
@@ -103,7 +102,7 @@ def test_a_lamps_servos_are_one_in_body_lane_and_plant(play: float) -> None:
     joints = {f"joint {name}": {"backlash": Parameter(play, "", None, "")} for name in lamp.names}
     calibration = dataclasses.replace(nominal, groups={**nominal.groups, MODEL: servo, **joints})
     twin = build(lamp, calibration, assets, clamped=True)
-    plant = Plant(Bent(dataclasses.replace(twin, model=copy.copy(twin.model))))
+    plant = Plant(dataclasses.replace(twin, model=copy.copy(twin.model)))
     batch = Batch(twin.model, 2, 1)
     views = Views.of_batch(batch, [twin, twin], gains=True)
     lanes, body = Motors([twin, twin], views), Body(twin)

@@ -14,7 +14,8 @@ from robolamp.log.run_context import run_context
 from robolamp.log.schemas import JOINT_STATE, TRUTH, TRUTH_BASE_TOPIC, TRUTH_JOINTS_TOPIC, joint_state
 from robolamp.log.writer import LogWriter
 from robolamp.signals import Command, Tick
-from robolamp.twin.lamp_model import Bend, build
+from robolamp.twin.bend import Bend
+from robolamp.twin.lamp_model import build
 from robolamp.twin.twin_lamp import TwinLamp
 
 ASSETS = Assets()

@@ -24,7 +24,7 @@ from robolamp.emulator.reality.file import Reality, load_reality
 from robolamp.log.reader import Run, read_run, read_truth
 from robolamp.log.run_context import SERVO_SETTINGS, servo_settings
 from robolamp.runtime.loop import TORQUE_ON
-from robolamp.twin.lamp_model import Bend
+from robolamp.twin.bend import Bend
 
 from .emulated import hop
 from .lamps import ASSETS, CALIBRATION, LAMP, write_run

@@ -8,7 +8,7 @@ import re
 import pytest
 
 from robolamp.cli.main import main
-from robolamp.twin.lamp_model import Bend
+from robolamp.twin.bend import Bend
 
 from .lamps import write_run
 

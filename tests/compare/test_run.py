@@ -16,7 +16,7 @@ from robolamp.errors import FileError, SafetyError
 from robolamp.log.reader import read_run
 from robolamp.log.writer import LogWriter
 from robolamp.signals import Health, Observation, Tick
-from robolamp.twin.lamp_model import Bend
+from robolamp.twin.bend import Bend
 from robolamp.twin.pictures import render
 
 from .lamps import ASSETS, CALIBRATION, LAMP, PERIOD, RUN, SEND, write_run

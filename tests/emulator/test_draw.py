@@ -9,12 +9,17 @@ import numpy as np
 import pytest
 
 from robolamp.assets import Assets
+from robolamp.calibration import load_calibration
 from robolamp.emulator.reality.draw import KINDS, random_knob, random_reality
 from robolamp.emulator.reality.file import NONE, Reality, load_reality
 from robolamp.errors import FileError
+from robolamp.twin.bend import Bend
+from robolamp.twin.random_lamps import LampLaw
+from robolamp.twin.spread import load_spread
 
 from .test_emulated_lamp import LAMP, Client
 
+SPREAD = load_spread(Assets())
 FIELDS = [field.name for field in dataclasses.fields(Reality) if field.name not in ("name", "seed")]
 
 
@@ -23,23 +28,32 @@ def differing(reality: Reality) -> set[str]:
     return {name for name in FIELDS if not np.all(getattr(reality, name) == getattr(none, name))}
 
 
-def test_a_random_reality_bends_everything_but_the_mass_of_all() -> None:
-    assert differing(random_reality(LAMP, 3)) == {*FIELDS} - {"mass"}
+def test_a_random_reality_bends_everything() -> None:
+    assert differing(random_reality(LAMP, SPREAD, 3)) == {*FIELDS}
+
+
+def test_controllers_are_scored_on_the_lamps_that_the_emulator_has() -> None:
+    """The same seed draws the same lamp for the twin's lanes and for the emulator."""
+    law = LampLaw(LAMP, load_calibration(Assets()), Assets())
+    _, bend = law.draw(np.random.default_rng(5))
+    reality = random_reality(LAMP, SPREAD, bend.seed)
+    for field in dataclasses.fields(Bend):
+        np.testing.assert_array_equal(getattr(bend, field.name), getattr(reality, field.name), err_msg=field.name)
 
 
 def test_the_same_seed_draws_the_same() -> None:
-    one, two, three = random_reality(LAMP, 3), random_reality(LAMP, 3), random_reality(LAMP, 4)
+    one, two, three = random_reality(LAMP, SPREAD, 3), random_reality(LAMP, SPREAD, 3), random_reality(LAMP, SPREAD, 4)
     for name in FIELDS:
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
     assert not np.array_equal(one.backlash, three.backlash)
 
 
 def test_scale_shrinks_every_deviation_to_nothing() -> None:
-    whole, half = random_reality(LAMP, 5), random_reality(LAMP, 5, 0.5)
+    whole, half = random_reality(LAMP, SPREAD, 5), random_reality(LAMP, SPREAD, 5, 0.5)
     np.testing.assert_allclose(half.backlash, 0.5 * np.asarray(whole.backlash))
     np.testing.assert_allclose(np.log(half.strength), 0.5 * np.log(whole.strength))
     assert half.stiffness == pytest.approx(2 * whole.stiffness)
-    assert differing(random_reality(LAMP, 5, 0.0)) <= {"encoder_phase"}  # of a wave without height
+    assert differing(random_reality(LAMP, SPREAD, 5, 0.0)) <= {"encoder_phase"}  # of a wave without height
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -62,7 +76,7 @@ def test_seeds_reach_every_joint() -> None:
 
 @pytest.mark.parametrize("seed", range(24))
 def test_no_reality_diverges_even_at_its_largest(seed: int) -> None:
-    client = Client(random_reality(LAMP, seed, 3.0 if seed % 2 else 1.0))
+    client = Client(random_reality(LAMP, SPREAD, seed, 3.0 if seed % 2 else 1.0))
     client.start()
     rng = np.random.default_rng(seed)
     for _ in range(8):

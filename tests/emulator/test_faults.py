@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -195,8 +196,7 @@ def test_a_silent_foot_misses_frames() -> None:
 
 
 def test_a_stuck_foot_repeats_itself_in_fresh_frames() -> None:
-    bent = Reality.none(LAMP)
-    noisy = Reality(bent.name, bent.strength, bent.friction, bent.encoder_noise, foot_noise=0.05)
+    noisy = replace(Reality.none(LAMP), foot_noise=0.05)
     assets = Assets()
     faults = Faults("x", 0, {}, (Event("foot_stuck", at=0.4, lasts=0.2),))
     world, decoder = EmulatedLamp(LAMP, load_calibration(assets), assets, noisy, faults=faults), Decoder()

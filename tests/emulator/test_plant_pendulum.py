@@ -93,21 +93,21 @@ def test_a_goal_moves_it_after_the_servos_delay_and_the_lines() -> None:
 
     plain = first_motion(Client({**SMOOTH, "delay": 0.005}))
     assert first_motion(Client({**SMOOTH, "delay": 0.015})) - plain == pytest.approx(0.010, abs=0.0012)
-    assert first_motion(Client(SMOOTH | {"delay": 0.005}, Reality("late", delay=0.004))) - plain == pytest.approx(
+    assert first_motion(Client(SMOOTH | {"delay": 0.005}, Reality(name="late", delay=0.004))) - plain == pytest.approx(
         0.004, abs=0.0012
     )
 
 
 def test_a_reality_bends_motor_encoder_and_supply() -> None:
     found = Client(SMOOTH).go(1.2, 200, 4.0)
-    strong = Client(SMOOTH, Reality("strong", strength=np.array([1.3])))
+    strong = Client(SMOOTH, Reality(name="strong", strength=np.array([1.3])))
     assert strong.go(1.2, 200, 4.0) > found + 0.03
-    off = Client(SMOOTH, Reality("off", encoder_offset=np.array([0.05])))
+    off = Client(SMOOTH, Reality(name="off", encoder_offset=np.array([0.05])))
     assert off.angle() == pytest.approx(0.05, abs=COUNT)
-    weak = Client(SMOOTH, Reality("weak", supply=-0.6, temperature=44.0))
+    weak = Client(SMOOTH, Reality(name="weak", supply=-0.6, temperature=44.0))
     volts = weak.packets.read2ByteTxRx(weak.port, 1, 144)[0]
     assert (volts, weak.packets.read1ByteTxRx(weak.port, 1, 146)[0]) == (44, 44)
-    noisy = Client(SMOOTH, Reality("noisy", encoder_noise=np.array([0.01])))
+    noisy = Client(SMOOTH, Reality(name="noisy", encoder_noise=np.array([0.01])))
     assert 0.005 < np.std([noisy.angle() for _ in range(100)]) < 0.02
 
 

@@ -19,8 +19,9 @@ from robolamp.evolve.task import Task
 from robolamp.evolve.tree import Genome, constants
 from robolamp.evolve.trial import Trials, draw_cases
 from robolamp.evolve.tune import tune
+from robolamp.twin.bend import Bend
 from robolamp.twin.fleet import Fleet
-from robolamp.twin.lamp_model import Bend, build
+from robolamp.twin.lamp_model import build
 
 from .parts import ASSETS, CALIBRATION, LAMP, task
 

@@ -17,8 +17,9 @@ import pytest
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.lamp import load_lamp
+from robolamp.twin.bend import Bend
 from robolamp.twin.lamp_body import Body
-from robolamp.twin.lamp_model import Bend, TwinModel, build
+from robolamp.twin.lamp_model import TwinModel, build
 from robolamp.twin.motors import Motors, Views
 
 ASSETS = Assets()

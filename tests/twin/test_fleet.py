@@ -12,11 +12,11 @@ from robolamp.controller.pilot import Pilot
 from robolamp.controller.program import compile_program
 from robolamp.errors import RobolampError
 from robolamp.signals import Command
+from robolamp.twin.bend import Bend
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.judge import Outcome
 from robolamp.twin.lamp_lanes import SETTLE_TIME
-from robolamp.twin.lamp_model import Bend, TwinModel
-from robolamp.twin.spread import load_spread
+from robolamp.twin.lamp_model import TwinModel
 from robolamp.twin.twin_lamp import TwinLamp
 
 from .parts import ASSETS, FALL, HEAVY, LAMP, PERIOD, STAND, SWAY, TERMINALS, TWIN, N, bent, program, rows
@@ -143,20 +143,3 @@ def test_a_period_that_is_not_whole_physics_steps_is_refused() -> None:
             Fleet([TWIN], period, 1)
     with pytest.raises(ValueError, match="no jobs"):
         Fleet([TWIN], PERIOD, 1).run(PROGRAMS, [], 1.0)
-
-
-def test_the_spread_draws_lamps_as_its_file_says() -> None:
-    spread = load_spread(ASSETS)
-    rng = np.random.default_rng(4)
-    bends = [spread.draw(rng, N) for _ in range(4000)]
-    for name, center, deviation in (
-        ("strength", 1, spread.strength), ("friction", 1, spread.friction), ("mass", 1, spread.mass),
-        ("floor", 1, spread.floor), ("delay", 0, spread.delay), ("supply", 0, spread.supply),
-    ):  # fmt: skip
-        values = np.array([getattr(bend, name) for bend in bends], float)
-        assert values.mean() == pytest.approx(center, abs=0.06 * deviation)
-        assert values.std() == pytest.approx(deviation, rel=0.05)
-        assert np.abs(values - center).max() <= 3 * deviation + 1e-12
-    assert spread.draw(np.random.default_rng(1), N, 0.0).strength == pytest.approx(np.ones(N))
-    first, second = (spread.draw(np.random.default_rng(1), N) for _ in range(2))
-    assert first.strength == pytest.approx(second.strength, abs=0)

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from robolamp.assets import Assets
+from robolamp.twin.bend import Bend
 from robolamp.twin.lamp_body import Body
-from robolamp.twin.lamp_model import Bend, build
+from robolamp.twin.lamp_model import build
 
 from .parts import ASSETS, CALIBRATION, LAMP, TWIN, N
 

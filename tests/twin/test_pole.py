@@ -6,9 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from robolamp.twin.bend import Bend
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.lamp_body import Body
-from robolamp.twin.lamp_model import POLE_RADIUS, Bend, Pole, TwinModel, build
+from robolamp.twin.lamp_model import POLE_RADIUS, Pole, TwinModel, build
 from robolamp.twin.pictures.render import qpos_of, side_view, strip
 from robolamp.twin.twin_lamp import TwinLamp
 

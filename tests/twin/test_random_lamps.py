@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from robolamp.assets import Assets
-from robolamp.calibration import Calibration, load_calibration
+from robolamp.calibration import Calibration, Parameter, load_calibration
 from robolamp.errors import FileError
 from robolamp.lamp import load_lamp
 from robolamp.twin.lamp_model import build
@@ -42,17 +43,30 @@ def fitted(folder: Path, parameters: object = LABELS, matrix: object = MATRIX.to
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
-def test_without_a_covariance_lamps_are_those_of_spread_toml_to_the_bit(scale: float) -> None:
+def test_without_a_covariance_lamps_are_those_of_the_spread_to_the_bit(scale: float) -> None:
     law, spread = LampLaw(LAMP, NOMINAL, ASSETS), load_spread(ASSETS)
     first, second = np.random.default_rng(3), np.random.default_rng(3)
     for _ in range(5):
         numbers, bend = law.draw(first, scale)
-        expected = spread.draw(second, 3, scale)
-        assert numbers is NOMINAL
-        assert vars(bend).keys() == vars(expected).keys()
-        for name, value in vars(expected).items():
-            assert np.array_equal(getattr(bend, name), value), name
+        expected = spread.draw(int(second.integers(2**32)), 3, scale)
+        assert numbers.groups == NOMINAL.groups
+        for name in expected.keys() & vars(bend).keys():
+            assert np.array_equal(getattr(bend, name), expected[name]), name
     assert law.source == "spread.toml"
+
+
+def test_a_lamp_has_the_play_and_stiffness_of_the_spread_or_of_its_own_fit(tmp_path: Path) -> None:
+    groups = {name: dict(parameters) for name, parameters in fitted(tmp_path).groups.items()}
+    groups["lamp"]["arm_stiffness"] = Parameter(50.0, "Nm/rad", None, "")
+    groups["joint knee"]["backlash"] = Parameter(0.002, "rad", None, "")
+    told = replace(fitted(tmp_path), groups=groups)
+    guessed = replace(told, provenance={})
+    for calibration, of_the_spread in ((told, False), (guessed, True)):
+        numbers, bend = LampLaw(LAMP, calibration, ASSETS).draw(np.random.default_rng(1))
+        twin = build(LAMP, numbers, ASSETS, bend)
+        assert math.isfinite(bend.stiffness) is of_the_spread
+        assert bool(np.all(bend.backlash)) is of_the_spread
+        assert twin.gears.table[1, 0] == pytest.approx((bend.backlash[1] if of_the_spread else 0.002) / 2)
 
 
 def test_lamps_are_drawn_from_the_fits_covariance(tmp_path: Path) -> None:
@@ -74,7 +88,7 @@ def test_lamps_are_drawn_from_the_fits_covariance(tmp_path: Path) -> None:
     friction = np.array([bend.friction for _, bend in drawn])
     assert strength.std(axis=0) == pytest.approx([0.05, 0.0, 0.05], rel=0.05)  # told of the knee alone
     assert friction.std(axis=0) == pytest.approx([0.15, 0.15, 0.0], rel=0.05)
-    assert np.std([bend.floor for _, bend in drawn]) == pytest.approx(0.1, rel=0.05)
+    assert np.std([bend.floor_friction for _, bend in drawn]) == pytest.approx(0.12, rel=0.05)
     assert law.source == "nominal's covariance and spread.toml"
     twin = build(LAMP, drawn[0][0], ASSETS, drawn[0][1])
     assert twin.servos.torque_constant[1] == drawn[0][0].groups["joint knee"]["torque_constant"].value
@@ -85,6 +99,7 @@ def test_scale_widens_and_zero_is_the_calibration(tmp_path: Path) -> None:
     numbers, bend = LampLaw(LAMP, calibration, ASSETS).draw(np.random.default_rng(1), 0.0)
     assert numbers.groups == calibration.groups
     assert np.array_equal(bend.strength, np.ones(3))
+    assert bend.stiffness == math.inf
 
 
 def test_of_the_whole_lamp_errors_take_the_place_of_the_spread(tmp_path: Path) -> None:

@@ -10,8 +10,9 @@ import pytest
 
 from robolamp.calibration import SERVO
 from robolamp.errors import FileError
+from robolamp.twin.bend import Bend
 from robolamp.twin.lamp_body import Body
-from robolamp.twin.lamp_model import Bend, build
+from robolamp.twin.lamp_model import build
 from robolamp.twin.motors import Motors, Views
 from robolamp.twin.servo import friction_loss
 
@@ -124,7 +125,7 @@ def test_a_bend_changes_what_it_says_and_nothing_else() -> None:
     assert strong.servos.delay == pytest.approx(TWIN.servos.delay + 0.004)
     assert strong.servos.coulomb == pytest.approx(1.5 * TWIN.servos.coulomb)
     assert strong.servos.resistance.tolist() == TWIN.servos.resistance.tolist()
-    heavy = bent(Bend(mass=1.1, floor=0.5))
+    heavy = bent(Bend(mass=1.1, floor_friction=0.5))
     assert heavy.model.body_mass.sum() == pytest.approx(1.1 * TWIN.model.body_mass.sum())
     assert heavy.model.body_inertia == pytest.approx(1.1 * TWIN.model.body_inertia)
     assert heavy.model.geom("floor").friction[0] == pytest.approx(0.5 * TWIN.model.geom("floor").friction[0])

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from robolamp.controller.envelope import Envelope
 from robolamp.controller.program import Program
+from robolamp.twin.bend import Bend
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.judge import Outcome
-from robolamp.twin.lamp_model import Bend
 from robolamp.twin.trace import Trace, follows
 
 from .parts import FALL, HEAVY, LAMP, PERIOD, STAND, SWAY, TERMINALS, TWIN, N, bent, program, rows

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.lamp import Lamp
-from robolamp.twin.lamp_model import Bend
+from robolamp.twin.bend import Bend
 
 Array = NDArray[np.float64]
 
@@ -260,7 +260,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         # Rubber on wood: 0.6 to 1.0 (nominal.toml: 0.8); chosen: from ice, 0.08, to sticky, 1.6.
         "floor": Kind(
             "1", (-0.35, -0.15, 0.15, 0.35), -0.9, 1.0, 0.02,
-            lambda size, joint, of: Change(Bend(floor=1.0 + size)),
+            lambda size, joint, of: Change(Bend(floor_friction=1.0 + size)),
             "the floor grips {size} better than {than}", "the floor is {size} slipperier than {than}",
             "clean foot and desk; `robolamp calibrate record` and `robolamp calibrate lamp` settle lamp.floor_friction",
             moving=True,

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.emulator.plant.motor_commands import Driver
-from robolamp.emulator.reality.mechanics import Bent
 from robolamp.emulator.servo.drive import Drive
 from robolamp.errors import RobolampError
 from robolamp.twin.judge import FALLEN_HEAD, FALLEN_TILT
+from robolamp.twin.lamp_model import TwinModel
 from robolamp.twin.motors import LEAST_VOLTAGE, Motors, Views
 
 Array = NDArray[np.float64]
@@ -48,17 +48,14 @@ class Plant:
     It starts standing in the neutral pose, each joint held as if by hand until its motor is first driven.
 
     Args:
-        bent: The compiled lamp; this plant alone may use it, for it writes into its model.
+        twin: The compiled lamp; this plant alone may use it, for it writes into its model.
 
     Attributes:
         timestep: Physics step [s].
     """
 
-    def __init__(self, bent: Bent) -> None:
-        twin = bent.twin
-        self._twin, self._encoders = twin, bent.encoders
-        self._model = twin.model
-        mujoco.mj_setConst(self._model, mujoco.MjData(self._model))  # masses may have been changed
+    def __init__(self, twin: TwinModel) -> None:
+        self._twin, self._model = twin, twin.model
         self._data = data = mujoco.MjData(twin.model)
         self.timestep = twin.timestep
         # The supply is not the motors': it has capacitors.
@@ -92,7 +89,7 @@ class Plant:
     @property
     def reading(self) -> Array:
         """What the encoders read of them, without noise, shape (n,) [rad]."""
-        return self._encoders.read(self.angle) if self._encoders else self.angle
+        return self._motors.reading[0]
 
     @property
     def velocity(self) -> Array:
@@ -158,8 +155,6 @@ class Plant:
             RobolampError: The physics diverged.
         """
         data = self._data
-        if self._encoders:
-            self._motors.misreading[0] = self.reading - self.angle
         self._motors.before_step()
         if self._held.any():  # a hand carries the weight too: friction alone creeps
             held, gears = self._twin.dof[self._held], self._twin.gears.dof[self._held]

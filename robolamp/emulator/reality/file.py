@@ -47,6 +47,7 @@ A TOML file of sim/lamp/realities/; every value is optional, and off unless it i
     floor_tilt = 0.0             # rad, positive: the floor rises ahead
     floor_softness = 1.0         # time constant of contacts, times this
     mass = 1.0                   # all masses, times this
+    sideways = 0.0               # m, how far to the left of the plane of motion all centres of mass are
     stiffness = 40.0             # Nm/rad, between each servo and what it turns, which else is rigid
 
 In place of a file, "random:7" is the reality that `robolamp.emulator.reality.draw.random_reality` draws with seed 7
@@ -114,6 +115,7 @@ _WHOLE: dict[str, dict[str, tuple[str, float, float, float, str]]] = {
         "floor_tilt": ("floor_tilt", -0.3, 0.3, 0.0, "rad"),
         "floor_softness": ("floor_softness", 1.0, 5.0, 1.0, ""),
         "mass": ("mass", 0.2, 5.0, 1.0, ""),
+        "sideways": ("sideways", -0.02, 0.02, 0.0, "m"),
         "stiffness": ("stiffness", 5.0, math.inf, math.inf, "Nm/rad"),
     },
 }
@@ -133,7 +135,7 @@ def load_reality(name: str | Path, lamp: Lamp, assets: Assets) -> Reality:
     """
     if str(name) == NONE:
         return Reality.none(lamp)
-    reality = drawn(str(name), lamp)
+    reality = drawn(str(name), lamp, assets)
     if reality is not None:
         return reality
     path = assets.named(name, FOLDER, "reality")
@@ -155,4 +157,4 @@ def load_reality(name: str | Path, lamp: Lamp, assets: Assets) -> Reality:
             wholes[attribute] = tables[section].number(key, low, high, unit, default=off)
     for table in (root, *own, *tables.values()):
         table.done()
-    return Reality(title, **values, **wholes, seed=seed)
+    return Reality(name=title, **values, **wholes, seed=seed)
