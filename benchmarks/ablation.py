@@ -47,7 +47,8 @@ VARIANTS: dict[str, tuple[list[str], float, bool]] = {
 def judged(controller: Controller, lamps: int) -> str:
     """Return a controller's row: hits, falls, median and 90th percentile of |error|, flight share."""
     rng, law = np.random.default_rng(2026), LampLaw(LAMP, CALIBRATION, ASSETS)
-    twins = [build(LAMP, numbers, ASSETS, bend) for numbers, bend in (law.draw(rng) for _ in range(lamps))]
+    drawn = [law.calibrated, *(law.draw(rng) for _ in range(lamps))]
+    twins = [build(LAMP, numbers, ASSETS, bend) for numbers, bend in drawn]
     jobs = [Job(0, variant, float(goal)) for variant in range(len(twins)) for goal in GOALS]
     program = controller.compile(all_terminals(len(LAMP.joints)))
     outcome = Fleet(twins, controller.control_period).run([program], jobs, 5.0)

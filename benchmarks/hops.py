@@ -27,7 +27,10 @@ from robolamp.errors import RobolampError
 from robolamp.lamp import load_lamp
 from robolamp.twin.lamp_model import build, fingerprint
 
-_NAMES = ("hop", "hop-sighted", "luxo-1997", "limbo-22.5cm", "limbo-21cm", "limbo-19cm", "limbo-18cm")  # seeds first
+_NAMES = (  # seeds first
+    "hop", "hop-sighted", "hop-bending-sighted", "hop-bending", "luxo-1997",
+    "limbo-22.5cm", "limbo-21cm", "limbo-19cm", "limbo-18cm",
+)  # fmt: skip
 _POLE_AT, _POLE_GOALS, _FOOT = 0.15, "0.28:0.40:13", 0.055
 """Where a pole stands, as in sim/tasks/limbo.toml; goals beyond it; the foot's radius [m]."""
 
@@ -61,8 +64,10 @@ def _state() -> str:
     return fingerprint([twin])[:8]
 
 
-def scored(file: Path, name: str, goals: str, lamps: int) -> tuple[int, ...]:
+def scored(file: Path, name: str, command: str, goals: str, lamps: int) -> tuple[int, ...]:
     """Return hits on the calibrated lamp and over drawn ones; of a limbo, goals to which it gets under the pole."""
+    given = shlex.split(command)
+    own = given[given.index("--calibration") :][:2] if "--calibration" in given else []
     if name.startswith("limbo-"):
         words = ("--pole", name.removeprefix("limbo-"), "--pole-at", f"{_POLE_AT:g}", "--duration", "6")
         told: Any = robolamp("score", str(file), "--goals", _POLE_GOALS, *words)
@@ -70,7 +75,7 @@ def scored(file: Path, name: str, goals: str, lamps: int) -> tuple[int, ...]:
         past = sum(each > _POLE_AT + _FOOT for each in landed)
         return (max(past - told["pole_hits"] - told["falls"], 0),)
     return tuple(
-        int(str(robolamp("score", str(file), "--goals", goals, *more)["hits"]))
+        int(str(robolamp("score", str(file), "--goals", goals, *own, *more)["hits"]))
         for more in ((), ("--lamps", str(lamps)))
     )
 
@@ -82,7 +87,7 @@ def main(names: list[str], folder: Path, runs: Path, goals: str, lamps: int) -> 
         old = load_controller(there, described)
         command = str(old.provenance.get("command", ""))
         made = evolved(command, runs, name)
-        before, after = scored(there, name, goals, lamps), scored(made, name, goals, lamps)
+        before, after = (scored(file, name, command, goals, lamps) for file in (there, made))
         what = ("goals past the pole",) if len(after) == 1 else ("hits", f"over {lamps} lamps")
         said = ", ".join(f"{new} {each} ({was} before)" for new, was, each in zip(after, before, what, strict=True))
         if any(new < was for new, was in zip(after, before, strict=True)):

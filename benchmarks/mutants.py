@@ -361,13 +361,15 @@ def tests_for(mutant: Mutant, known: dict[str, dict[str, Any]]) -> tuple[list[st
     """Return the tests of a mutant, those that run its line first, the quick ones first; and their time [s]."""
     folders = tuple(f"tests/{place}/" for place in ROOMS[mutant.room][1])
     wanted = set(range(mutant.lines[0], mutant.lines[1] + 1))
+    entries = [entry for name, entry in known.items() if name.startswith(folders) and entry["times"] is not None]
+    runs = [
+        {test for test, of in (entry["lines"] or {}).items() if wanted & set(of.get(mutant.path, ()))}
+        for entry in entries
+    ]
+    every = not mutant.runs or not any(runs)  # a line that no test runs may run at import
     own: dict[str, tuple[bool, float]] = {}  # by test: whether it does not run the line, its time
-    for name, entry in known.items():
-        if not name.startswith(folders) or entry["times"] is None:
-            continue
-        lines = entry["lines"]
-        ran = {test for test, of in (lines or {}).items() if wanted & set(of.get(mutant.path, ()))}
-        if ran or not mutant.runs or lines is None:
+    for entry, ran in zip(entries, runs, strict=True):
+        if ran or every or entry["lines"] is None:
             own |= {test: (test not in ran, seconds) for test, seconds in entry["times"].items()}
     return sorted(own, key=own.__getitem__), sum(seconds for _, seconds in own.values())
 

@@ -10,7 +10,7 @@ from robolamp.controller.terminals import on_board_terminals
 from robolamp.lamp import load_lamp
 from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.lamp_model import build
-from robolamp.twin.spread import load_spread
+from robolamp.twin.random_lamps import LampLaw
 
 # Crouch, push and tuck, in a cycle that the foot's contact restarts; one expression a joint, from the foot up.
 TEXT = """
@@ -23,9 +23,9 @@ TEXT = """
 def main() -> None:
     assets = Assets()
     lamp, calibration = load_lamp(assets), load_calibration(assets)
-    rng, spread = np.random.default_rng(1), load_spread(assets)
-    lamps = [build(lamp, calibration, assets)]
-    lamps += [build(lamp, calibration, assets, spread.draw(rng, len(lamp.joints))) for _ in range(10)]
+    rng, law = np.random.default_rng(1), LampLaw(lamp, calibration, assets)
+    drawn = [law.calibrated, *(law.draw(rng) for _ in range(10))]
+    lamps = [build(lamp, numbers, assets, bend) for numbers, bend in drawn]
 
     terminals = on_board_terminals(len(lamp.joints))
     program = compile_program(parse_list(TEXT, terminals), terminals)

@@ -13,7 +13,6 @@ from robolamp.figure import Driven, Figure
 from robolamp.lamp import Lamp
 from robolamp.twin.bend import Bend
 from robolamp.twin.figure_model import Twin, build_figure
-from robolamp.twin.gears import RIGID
 from robolamp.twin.lamp_model import TwinModel, build
 from robolamp.twin.random_lamps import LampLaw
 
@@ -46,11 +45,8 @@ def compiled(
     def made(numbers: Calibration, bend: Bend | None = None) -> TwinModel:
         return build(lamp, numbers, assets, bend, timestep=task.timestep, pole=task.pole)
 
-    lamps = [made(calibration)]
-    if task.cases.lamps > 1:
-        law = LampLaw(lamp, calibration, assets, task.cases.spread)
-        if law.yields and (lamps[0].gears.qpos < 0).any():  # lamps side by side are of one kind
-            lamps = [made(calibration, Bend(stiffness=RIGID))]
-        others = max(_LAMPS, task.cases.lamps - 1)
-        lamps += [made(*law.draw(rng)) for _ in range(others)]
-    return lamps
+    if task.cases.lamps == 1:
+        return [made(calibration)]
+    law = LampLaw(lamp, calibration, assets, task.cases.spread)
+    others = max(_LAMPS, task.cases.lamps - 1)
+    return [made(*law.calibrated), *(made(*law.draw(rng)) for _ in range(others))]

@@ -26,7 +26,7 @@ class Bend:
         load_friction: Friction by load, times this and `friction`.
         armature: Rotor inertias, times this.
         link_mass: Masses and inertias of the links that the joints turn, times this.
-        backlash: Play between gear train and output, from end to end, added to the joints' own [rad].
+        backlash: Play between gear train and output, from end to end [rad]; NaN: the calibration's.
         encoder_offset: Added to each angle reading [rad].
         encoder_nonlinearity: Amplitude of a sine over one turn of the encoder, added to each angle reading [rad].
         encoder_phase: Of that sine [rad].
@@ -40,8 +40,7 @@ class Bend:
         floor_softness: Time constant of all contacts, times this.
         mass: All masses and inertias, times this.
         sideways: How far to the left of the plane of motion all centres of mass are [m].
-        stiffness: Between each servo and what it turns, in series with the calibrated one [Nm/rad]; infinite: no
-            softer.
+        stiffness: Between each servo and what it turns [Nm/rad]; infinite: rigid; NaN: the calibration's.
         seed: Of all noise.
     """
 
@@ -54,7 +53,7 @@ class Bend:
     load_friction: PerJoint = 1.0
     armature: PerJoint = 1.0
     link_mass: PerJoint = 1.0
-    backlash: PerJoint = 0.0
+    backlash: PerJoint = math.nan
     encoder_offset: PerJoint = 0.0
     encoder_nonlinearity: PerJoint = 0.0
     encoder_phase: PerJoint = 0.0
@@ -68,5 +67,5 @@ class Bend:
     floor_softness: float = 1.0
     mass: float = 1.0
     sideways: float = 0.0
-    stiffness: float = math.inf
+    stiffness: float = math.nan
     seed: int = 0

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.jit import njit
+from robolamp.twin.servo import hold
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -142,7 +143,7 @@ def add_gears(spec: mujoco.MjSpec, joints: tuple[str, ...], play: Array, stiffne
     """Give the joints of a lamp's specification that yield their gears; without any it stays as it is.
 
     Args:
-        spec: Of the lamp.
+        spec: Of the lamp, with the physics step it will have.
         joints: Names of the joints, n of them.
         play: Between motor and output of each, from end to end, shape (n,) [rad].
         stiffness: Between each servo and what it turns, shape (n,) [Nm/rad]; infinite: rigid.
@@ -150,11 +151,13 @@ def add_gears(spec: mujoco.MjSpec, joints: tuple[str, ...], play: Array, stiffne
     yielding = (play > 0.0) | np.isfinite(stiffness)
     if not yielding.any():
         return
-    homes = _homes(spec)
-    for name, yields in zip(joints, yielding, strict=True):
+    homes, table = _homes(spec), _table(play, stiffness, spec.option.timestep)
+    for name, yields, gear in zip(joints, yielding, table, strict=True):
         if yields:
             joint = spec.joint(name)
-            joint.parent.add_joint(name=name + _SUFFIX, axis=joint.axis, pos=joint.pos)
+            hinge = joint.parent.add_joint(name=name + _SUFFIX, axis=joint.axis, pos=joint.pos)
+            hinge.armature = gear[_INERTIA]  # until the first step says
+            hold(hinge)  # by a hand
     model = spec.copy().compile()
     for key, home in zip(spec.keys, homes, strict=True):
         qpos = np.zeros(model.nq)

@@ -148,9 +148,9 @@ def _bent(servos: ServoParameters, bend: Bend) -> ServoParameters:
 
 def _yielding(lamp: Lamp, calibration: Calibration, bend: Bend) -> tuple[Array, Array]:
     """Return the play [rad] and the stiffness [Nm/rad] of a bent lamp's joints, shape (n,) each."""
-    play = np.array([calibration.joint(name, "backlash") for name in lamp.names]) + bend.backlash
-    softer, harder = sorted([calibration.lamp("arm_stiffness"), bend.stiffness])
-    return play, np.full(len(play), softer if math.isinf(harder) else softer * harder / (softer + harder))
+    play = np.array([calibration.joint(name, "backlash") for name in lamp.names])
+    stiffness = calibration.lamp("arm_stiffness") if math.isnan(bend.stiffness) else bend.stiffness
+    return np.where(np.isnan(bend.backlash), play, bend.backlash), np.full(len(play), stiffness)
 
 
 def _raise_pole(spec: mujoco.MjSpec, pole: Pole) -> None:

@@ -40,7 +40,7 @@ LEAST_VOLTAGE = 0.5
 """A supply that sags keeps this much: a servo switches off long before [V]."""
 
 HAND = 5.0
-"""Friction by which a hand holds a joint [Nm]: ten times what a servo can push."""
+"""Friction by which a hand holds a joint and its gear [Nm]: ten times what a servo can push."""
 
 
 class Driven(Protocol):
@@ -436,6 +436,7 @@ def _regulate(
                 bent, turns = gears[lane, joint], where[3, joint]
                 applied[lane, turns] = gear_torque(bent, qpos[lane, gear], velocity[lane, turns])
                 armature[lane, turns] = gear_inertia(bent, qpos[lane, gear])
+                loss[lane, turns] = HAND if held[lane, joint] else 0.0
                 beyond = read_beyond(bent, qpos[lane, gear])
             beyond += misreading(encoders[lane, joint], angle + beyond)
             formed[lane, joint] = speed

@@ -7,6 +7,7 @@ two draws what is in sim/tasks/README.md.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -19,13 +20,14 @@ from robolamp.calibration import JOINT, LAMP, SERVO, Calibration, Parameter
 from robolamp.errors import FileError
 from robolamp.lamp import Lamp
 from robolamp.twin.bend import Bend
+from robolamp.twin.gears import RIGID
 from robolamp.twin.spread import CUT, Law, Spread, load_spread
 
 Array = NDArray[np.float64]
 
 _ALONE = ("foot_gain", "contact_softness", "line_delay")  # of the whole lamp: drawn by their own standard errors
 _BEND = {field.name for field in fields(Bend)}
-_GEARS, _OWN = {"backlash", "stiffness"}, {"backlash", "arm_stiffness"}  # in a spread, and in a calibration
+_GEARS = {"backlash", "stiffness"}
 _FITTED = {
     "strength": "torque_constant", "friction": "coulomb", "coulomb": "coulomb", "viscous": "viscous",
     "stribeck": "stribeck", "stribeck_velocity": "stribeck_velocity", "load_friction": "load_external",
@@ -68,7 +70,7 @@ class LampLaw:
 
     Attributes:
         source: What lamps are drawn from, in words.
-        yields: Whether drawn lamps have play or bend as the spread says, not as the calibration does.
+        calibrated: The calibrated lamp, as `draw` gives one: of the same kind, to stand beside those in a fleet.
 
     Raises:
         FileError: The spread or the calibration's covariance is malformed.
@@ -82,12 +84,9 @@ class LampLaw:
         if self._covariance is not None:
             laws, self.source = self._beside(laws), f"{calibration.name}'s covariance and {self.source}"
         self._spread = replace(laws, laws={key: law for key, law in laws.laws.items() if key in _BEND})
-        self._own = calibration
-        if laws.laws.keys() & _GEARS:  # drawn in place of the calibration's
-            groups = calibration.groups.items()
-            without = {name: {key: at for key, at in group.items() if key not in _OWN} for name, group in groups}
-            self._own = replace(calibration, groups=without)
-        self.yields = self._own is not calibration
+
+        yields = bool(laws.laws.keys() & _GEARS) and math.isinf(calibration.lamp("arm_stiffness"))
+        self.calibrated = calibration, Bend(stiffness=RIGID) if yields else Bend()
 
     def draw(self, rng: np.random.Generator, scale: float = 1.0) -> tuple[Calibration, Bend]:
         """Draw one lamp: the numbers to build it with, and how it is bent.
@@ -99,12 +98,12 @@ class LampLaw:
         bend = Bend(**self._spread.draw(int(rng.integers(2**32)), len(self._lamp.joints), scale))
         found = self._covariance
         if found is None:
-            return self._own, bend
+            return self._calibration, bend
 
         def normal(count: int) -> Array:
             return scale * np.clip(rng.standard_normal(count), -CUT, CUT)
 
-        groups = {name: dict(parameters) for name, parameters in self._own.groups.items()}
+        groups = {name: dict(parameters) for name, parameters in self._calibration.groups.items()}
         for group, name, off in zip(found.groups, found.names, found.root @ normal(len(found.names)), strict=True):
             legal = SERVO.get(name) or JOINT[name]
             groups[group][name] = _moved(groups[group][name], float(off), legal.low, legal.high)
@@ -115,7 +114,7 @@ class LampLaw:
                 groups["lamp"][name] = _moved(parameter, error, LAMP[name].low, LAMP[name].high)
         told = {key: [self._told(joint.name, name) for joint in self._lamp.joints] for key, name in _FITTED.items()}
         kept = {key: np.where(joints, 1.0, getattr(bend, key)) for key, joints in told.items() if any(joints)}
-        return replace(self._own, groups=groups), replace(bend, **kept)
+        return replace(self._calibration, groups=groups), replace(bend, **kept)
 
     def _beside(self, spread: Spread) -> Spread:
         """Return what is drawn beside the covariance of parameters: of the whole lamp, by its values' own errors."""

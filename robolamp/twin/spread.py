@@ -46,7 +46,7 @@ class Law:
             rng: Where randomness comes from.
             count: How many.
             off: What does not differ.
-            scale: Every deviation from that, times this; of a stiffness, of what gives.
+            scale: Every deviation from that, times this; with a median, from the median.
         """
         if self.kind == "between":
             return off + scale * (rng.uniform(self.low, self.high, count) - off)
@@ -57,15 +57,12 @@ class Law:
             return np.maximum(1.0 + scale * self.low * z, 0.05)
         if self.kind == "factor":
             return np.exp(scale * self.low * z)
-        drawn = self.low * np.exp(self.high * z)
-        if math.isfinite(off):
-            return scale * drawn
-        return drawn / scale if scale else np.full(count, math.inf)
+        return self.low * np.exp(scale * self.high * z)
 
 
 @dataclass(frozen=True)
 class _Key:
-    """Of a key: whether each joint has its own, what does not differ, its unit, and what values it may come near."""
+    """Of a key: whether each joint has its own, what does not differ (NaN: a law has a median), its unit, the most."""
 
     each: bool
     off: float
@@ -83,7 +80,7 @@ _KEYS: Mapping[str, _Key] = {
     "load_friction": _Key(True, 1.0, "", 0.5),
     "armature": _Key(True, 1.0, "", 0.3),
     "link_mass": _Key(True, 1.0, "", 0.3),
-    "backlash": _Key(True, 0.0, "rad", 0.03),
+    "backlash": _Key(True, math.nan, "rad", 0.03),
     "encoder_offset": _Key(True, 0.0, "rad", 0.05),
     "encoder_nonlinearity": _Key(True, 0.0, "rad", 0.03),
     "encoder_noise": _Key(True, 0.0, "rad", 0.03),
@@ -104,7 +101,7 @@ _KEYS: Mapping[str, _Key] = {
     "floor_softness": _Key(False, 1.0, "", 4.0),
     "mass": _Key(False, 1.0, "", 0.3),
     "sideways": _Key(False, 0.0, "m", 0.005),
-    "stiffness": _Key(False, math.inf, "Nm/rad", 1000.0),
+    "stiffness": _Key(False, math.nan, "Nm/rad", 1000.0),
 }
 """Every key of a file of a spread: an attribute of `robolamp.emulator.reality.reality.Reality`."""
 
@@ -162,8 +159,8 @@ def _law(root: Table, name: str) -> Law:
     if key is None:
         raise root.fail(name, f"no such key; expected one of {', '.join(_KEYS)}")
     table, kinds = root.table(name), ["median"]
-    if math.isfinite(key.off):
-        kinds = ["low", "factor", "relative"] if key.off == 1.0 else ["low", "normal", "median"]
+    if not math.isnan(key.off):
+        kinds = ["low", "factor", "relative"] if key.off == 1.0 else ["low", "normal"]
     given = [kind for kind in kinds if kind in table]
     if len(given) != 1:
         raise root.fail(name, f"expected a table with {' or '.join(kinds)}")

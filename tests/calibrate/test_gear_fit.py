@@ -25,9 +25,14 @@ name = "loose"
 seed = 3
 [joint.ankle]
 backlash = 0.009
+[joint.knee]
+backlash = 0.0
+[joint.neck]
+backlash = 0.0
 [lamp]
 stiffness = 22.0
 """
+RIGID = LOOSE.replace("0.009", "0.0").replace("22.0", "1e4")
 PLAN = [
     short(steps("chirp-ankle")[0], 6.0),
     *(short(step, 3.0) for step in steps("squares", "steps-soft")),
@@ -99,12 +104,14 @@ def test_the_file_holds_them_and_lamps_drawn_from_it_keep_them(
 
 
 def test_a_lamp_without_them_is_left_rigid(tmp_path: Path) -> None:
-    recorded(tmp_path, [short(PLAN[1], 2.0), PLAN[-1]])
-    session = read_session(tmp_path, LAMP)
+    file = tmp_path / "rigid.toml"
+    file.write_text(RIGID)
+    recorded(tmp_path / "session", [short(PLAN[1], 2.0), PLAN[-1]], str(file))
+    session = read_session(tmp_path / "session", LAMP)
     fit = fit_lamp(session, LAMP, NOMINAL, ASSETS, names=ASKED)
     assert not {unknown.name for unknown in fit.asked} & set(GEARS)
     assert "arm_stiffness" not in fit.lamp
     left_out = "Play and bending of the arm are left out of the twin"
     assert any(text.startswith(left_out) for text in findings(fit, session, LAMP, NOMINAL))
-    _, facts = fit_session(SETUP, tmp_path, tmp_path / "rigid.toml", quiet=True, rigid=True)
+    _, facts = fit_session(SETUP, tmp_path / "session", tmp_path / "fitted.toml", quiet=True, rigid=True)
     assert not any(text.startswith("Play and bending") for text in facts["findings"])  # nobody looked

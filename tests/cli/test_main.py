@@ -205,7 +205,7 @@ def bad_inputs() -> list:
             ("evolve hop -o " + "x" * 300, {}, "File name too long"),
             ("dry-run hop --goal 0.3 -o " + "x" * 300, {}, "File name too long"),
             ("deploy hop --goal 0.3 --lamp .", {"hardware/lamp.toml": NO_PORT}, "bus.port: '' is not a serial port"),
-            ("hop --calibration none", {}, "none: no such calibration; give a file, or one of: nominal"),
+            ("hop --calibration none", {}, "none: no such calibration; give a file, or one of: bending, nominal"),
             ("hop --lamp none", {}, "none: is not a folder"),
             ("none.toml", {}, "none.toml: no such controller; give a file, or one of: "),
             ("c.toml", {"c.toml": "x = ["}, "c.toml: not valid TOML"),

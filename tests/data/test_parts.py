@@ -15,6 +15,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from robolamp.assets import Assets
+from robolamp.calibration import load_calibration
+from robolamp.twin.gears import TEETH
+from robolamp.twin.spread import load_spread
+
 from .readme import ROOT
 
 CAD = ROOT / "hardware" / "cad"
@@ -122,6 +127,16 @@ def test_stiffness_is_said_for_every_joint(told: dict[str, Any]) -> None:
     for joint in (*JOINTS, "gears"):
         nominal, low, high = told["stiffness"][joint]
         assert 5 < low < nominal < high < 200
+
+
+def test_the_bending_lamp_and_the_spread_are_as_stiff_as_the_parts(told: dict[str, Any]) -> None:
+    joints = np.array([told["stiffness"][joint] for joint in JOINTS])
+    assert load_calibration(Assets(), "bending").lamp("arm_stiffness") == pytest.approx(joints[:, 0].mean(), rel=0.02)
+    law = load_spread(Assets()).laws["stiffness"]
+    assert law.low == pytest.approx(joints[:, 0].mean(), rel=0.02)
+    within = np.log(joints[:, 2] / joints[:, 1]).mean() / 2
+    assert 1.645 * law.high == pytest.approx(within, rel=0.1)  # nine times in ten
+    assert told["stiffness"]["gears"][0] == pytest.approx(TEETH, rel=0.02)
 
 
 @pytest.mark.parametrize(

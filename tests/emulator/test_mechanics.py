@@ -13,7 +13,10 @@ from robolamp.emulator.reality.file import Reality
 from robolamp.foot.protocol import Decoder
 from robolamp.twin.gears import TEETH
 
-from .test_emulated_lamp import NONE, RAD_PER_COUNT, Client
+from .test_emulated_lamp import LAMP, RAD_PER_COUNT, Client
+
+NONE = replace(Reality.none(LAMP), stiffness=math.inf, backlash=0.0)
+"""The twin, but rigid: one thing differs at a time."""
 
 Array = NDArray[np.float64]
 
@@ -60,7 +63,7 @@ def push(client: Client, joint: int, torque: float, wait: float = 0.2) -> float:
 
 
 def test_play_moves_freely_from_end_to_end() -> None:
-    stiff, loose = standing(Client()), standing(Client(replace(NONE, backlash=np.array([0.0, 0.0, 0.02]))))
+    stiff, loose = standing(Client(NONE)), standing(Client(replace(NONE, backlash=np.array([0.0, 0.0, 0.02]))))
     across = [push(client, 2, 0.01) - push(client, 2, -0.01) for client in (stiff, loose)]
     assert abs(across[0]) < 5e-3  # the gears' friction is more than the push
     assert across[1] == pytest.approx(0.02, abs=4e-3)
@@ -82,7 +85,7 @@ def test_a_motor_that_turns_back_crosses_the_play_before_the_link_moves() -> Non
         return abs(rotor(client, 2) - start)
 
     near, far = sorted(turned_before(goal) for goal in (0.25, -0.25))
-    assert 0.028 < far < 0.04  # the play, and by how much it bends the teeth until the link has moved
+    assert 0.028 < far < 0.045  # the play, and by how much it bends the teeth until the link has moved
     assert near < 8e-3
 
 
@@ -130,7 +133,7 @@ def test_heavier_links_weigh_on_the_foot_and_on_their_joint() -> None:
 
 
 def test_an_encoder_that_is_off_moves_the_joint_not_the_reading() -> None:
-    plain, off = standing(Client()), standing(Client(replace(NONE, encoder_offset=np.array([0.0, 0.0, 0.05]))))
+    plain, off = standing(Client(NONE)), standing(Client(replace(NONE, encoder_offset=np.array([0.0, 0.0, 0.05]))))
     for client in (plain, off):
         client.go([0.0, 0.0, -0.5])
         client.wait(0.5)
@@ -152,7 +155,7 @@ def test_an_encoder_errs_by_a_sine_over_its_turn() -> None:
 
 
 def test_a_bending_link_sinks_under_its_load_and_no_encoder_tells() -> None:
-    rigid, soft = standing(Client()), standing(Client(replace(NONE, stiffness=10.0)))
+    rigid, soft = standing(Client(NONE)), standing(Client(replace(NONE, stiffness=10.0)))
     head = [client.lamp.plant._data.site("head").xpos[2] for client in (rigid, soft)]
     assert head[0] - head[1] > 0.001
     plant = soft.lamp.plant
@@ -219,6 +222,6 @@ def test_a_hot_room_is_read_and_weakens_copper() -> None:
 
 
 def test_a_low_supply_is_read_and_weakens() -> None:
-    low, full = standing(Client(replace(NONE, supply=-1.0))), standing(Client())
+    low, full = standing(Client(replace(NONE, supply=-1.0))), standing(Client(NONE))
     assert full.value(1, 144, 2) - low.value(1, 144, 2) == 10
     assert abs(low.angles()[1]) > 1.1 * abs(full.angles()[1])

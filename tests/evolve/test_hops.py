@@ -23,8 +23,9 @@ COMMAND = f"robolamp evolve hop -o runs/small {SMALL}"
 def test_shipped_controllers_were_made_with_the_shipped_calibration(path: Path) -> None:
     provenance = load_controller(path, load_lamp(Assets())).provenance
     if provenance:  # those written by hand have none
-        told = f"{path.name} was evolved on another nominal.toml: `make hops`, or evolve it again by its command"
-        assert provenance["calibration_sha256"] == load_calibration(Assets()).hash, told
+        name = provenance["calibration"]
+        told = f"{path.name} was evolved on another {name}.toml: `make hops`, or evolve it again by its command"
+        assert provenance["calibration_sha256"] == load_calibration(Assets(), name).hash, told
 
 
 def again(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:

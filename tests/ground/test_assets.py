@@ -38,7 +38,7 @@ def test_an_unknown_name_is_refused(name: str) -> None:
         Assets().named(name, "calibration", "calibration")
     assert "\n" not in str(caught.value)
     if len(name) < 100:
-        assert "no such calibration; give a file, or one of: nominal" in str(caught.value)
+        assert "no such calibration; give a file, or one of: bending, nominal" in str(caught.value)
 
 
 def test_missing_folders_and_files_are_named(tmp_path: Path) -> None:
@@ -65,7 +65,7 @@ def test_a_folder_whose_name_is_too_long(tmp_path: Path) -> None:
 
 def test_what_is_of_another_kind_is_not_a_name(tmp_path: Path) -> None:
     mine = own(tmp_path)
-    known = "nominal, xl330-m288-bench"
+    known = "bending, nominal, xl330-m288-bench"
     with pytest.raises(FileError, match=rf"mine: no such calibration; give a file, or one of: {known}$"):
         mine.named("mine", "calibration", "calibration", exclude=("mine",))
 

@@ -77,7 +77,7 @@ def test_a_very_stiff_lamp_is_rigid_and_very_little_play_is_none(convergence: Mo
 @pytest.mark.parametrize("step", [0.002, 0.001, 0.0005])
 @pytest.mark.parametrize("stiffness", [5.0, 20.0, 100.0, 1000.0])
 def test_the_energy_of_a_bent_arm_falls(stiffness: float, step: float) -> None:
-    twin = build(DESK, NOMINAL, ASSETS, Bend(stiffness=stiffness), timestep=step, clamped=True)
+    twin = build(DESK, NOMINAL, ASSETS, Bend(stiffness=stiffness, backlash=0.0), timestep=step, clamped=True)
     body = Body(twin)
     body.set_motors(np.zeros(3), np.full(3, 5.0), np.zeros(3, bool))
     body.model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
@@ -98,7 +98,7 @@ def test_the_energy_of_a_bent_arm_falls(stiffness: float, step: float) -> None:
 def test_a_bent_arm_swings_as_its_spring_and_inertia_say() -> None:
     """A head on its neck's spring: omega = sqrt(K / I), where nothing else moves."""
     stiffness, step = 20.0, 0.001
-    twin = build(DESK, NOMINAL, ASSETS, Bend(stiffness=stiffness), timestep=step, clamped=True)
+    twin = build(DESK, NOMINAL, ASSETS, Bend(stiffness=stiffness, backlash=0.0), timestep=step, clamped=True)
     model, data = twin.model, mujoco.MjData(twin.model)
     neck = int(twin.gears.dof[2])
     model.opt.gravity[:] = 0.0

@@ -100,7 +100,7 @@ def test_the_current_is_what_an_energy_balance_says() -> None:
     body.step(300)
     body.set_goal(np.array([0.3, -0.4, 0.3]))
     for _ in range(40):
-        speed = body.velocity.copy()
+        speed = body.data.qvel[TWIN.dof].copy()  # of the motors: the horns' is another where gears give
         body.step()
         winding = body.torque / TWIN.servos.torque_constant
         power = TWIN.servos.resistance * winding**2 + body.torque * speed

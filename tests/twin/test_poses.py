@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from robolamp.twin.fleet import Fleet, Job
+from robolamp.twin.gears import read_beyond
 from robolamp.twin.key_poses import KeyPose, PoseErrors
 
 from .parts import FALL, HEAVY, PERIOD, STAND, SWAY, TWIN, N, program, rows
@@ -19,7 +20,11 @@ def test_a_pose_is_judged_by_the_true_angles_at_its_time() -> None:
     outcome = FLEET.run(PROGRAMS, JOBS, 1.0, poses=poses, record=True)
     assert outcome.trace is not None
     for lane, twin in enumerate((TWIN, HEAVY, TWIN)):
-        angles = FLEET.play(JOBS[lane], outcome.trace.goals[lane], 50)[:, twin.qpos]
+        qpos = FLEET.play(JOBS[lane], outcome.trace.goals[lane], 50)
+        read = [
+            [read_beyond(*pair) for pair in zip(twin.gears.table, at, strict=True)] for at in qpos[:, twin.gears.qpos]
+        ]
+        angles = qpos[:, twin.qpos] + read
         errors = [np.abs(angles[round(pose.time / PERIOD)] - pose.angles).mean() for pose in poses]
         assert outcome.pose_error[lane] == pytest.approx(np.mean(errors), abs=1e-12)
 

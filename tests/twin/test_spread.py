@@ -57,12 +57,12 @@ def test_others_are_even_between_two_ends() -> None:
 def test_scale_shrinks_every_deviation_and_0_is_none() -> None:
     laws = load_spread(ASSETS)
     whole, half, none = (laws.draw(3, 3, scale) for scale in (1.0, 0.5, 0.0))
-    np.testing.assert_allclose(half["backlash"], whole["backlash"] / 2)
+    np.testing.assert_allclose(np.log(half["backlash"] / 0.005), np.log(whole["backlash"] / 0.005) / 2)
     np.testing.assert_allclose(np.log(half["strength"]), np.log(whole["strength"]) / 2)
-    assert half["stiffness"] == 2 * whole["stiffness"]
+    assert half["stiffness"] == pytest.approx(math.sqrt(23.0 * whole["stiffness"]))
     assert half["floor_softness"] - 1 == pytest.approx((whole["floor_softness"] - 1) / 2)
-    assert none["stiffness"] == math.inf
-    assert none["backlash"].tolist() == [0.0, 0.0, 0.0]
+    assert none["stiffness"] == pytest.approx(23.0)
+    assert none["backlash"] == pytest.approx([0.005] * 3)
     assert none["temperature"] == 30.0
 
 

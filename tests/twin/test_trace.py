@@ -9,6 +9,7 @@ from robolamp.controller.envelope import Envelope
 from robolamp.controller.program import Program
 from robolamp.twin.bend import Bend
 from robolamp.twin.fleet import Fleet, Job
+from robolamp.twin.gears import read_beyond
 from robolamp.twin.judge import Outcome
 from robolamp.twin.trace import Trace, follows
 
@@ -147,4 +148,5 @@ def test_playback_is_the_lane_to_the_bit() -> None:
         qpos = fleet.play(Job(0, 0, goal), trace_of(outcome).goals[0], 50)
         assert qpos.shape == (51, TWIN.model.nq)
         assert qpos[-1, 0] == outcome.x[0]
-        assert (qpos[-1, TWIN.qpos] == outcome.angles[0]).all()
+        read = [read_beyond(gear, at) for gear, at in zip(twin.gears.table, qpos[-1, twin.gears.qpos], strict=True)]
+        assert (qpos[-1, twin.qpos] + read == outcome.angles[0]).all()

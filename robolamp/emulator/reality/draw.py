@@ -19,7 +19,7 @@ from robolamp.assets import Assets
 from robolamp.emulator.reality.reality import Reality
 from robolamp.errors import FileError
 from robolamp.lamp import Lamp
-from robolamp.twin.spread import Spread, load_spread
+from robolamp.twin.spread import load_spread
 
 COPPER = 0.0039
 """By which copper's resistance grows [1/K]."""
@@ -27,24 +27,25 @@ COPPER = 0.0039
 _LARGEST_SCALE = 3.0
 
 
-def random_reality(lamp: Lamp, spread: Spread, seed: int, scale: float = 1.0) -> Reality:
+def random_reality(lamp: Lamp, seed: int, scale: float = 1.0, assets: Assets | None = None) -> Reality:
     """Draw a whole reality.
 
     Args:
         lamp: The lamp that is bent.
-        spread: How lamps differ.
         seed: The same seed, lamp, spread and scale give the same reality.
         scale: Every deviation from the twin, times this: 0 (the twin itself) to 3.
+        assets: Where the spread is; by default where sim/ is.
 
     Raises:
         ValueError: The scale is outside that range.
+        FileError: The spread is malformed.
     """
     if not 0.0 <= scale <= _LARGEST_SCALE:
         raise ValueError(f"scale: {scale} is not a number from 0 to {_LARGEST_SCALE:g}")
     return Reality(
         name=f"random:{seed}" if scale == 1.0 else f"random:{seed}:{scale:g}",
         resistance_per_kelvin=min(scale, 1.0) * COPPER,
-        **spread.draw(seed, len(lamp.joints), scale),
+        **load_spread(assets or Assets()).draw(seed, len(lamp.joints), scale),
     )
 
 
@@ -107,7 +108,7 @@ KINDS: Mapping[str, _Kind] = MappingProxyType(
         "jitter": _Kind("jitter", _between(0.002, 0.005), "s"),
         "encoder_offset": _Kind("encoder_offset", _either(0.03, 0.08), "rad", of_a_joint=True),
         "encoder_noise": _Kind("encoder_noise", _between(0.004, 0.010), "rad", of_a_joint=True),
-        "compliance": _Kind("stiffness", _between(8.0, 20.0), "Nm/rad"),
+        "compliance": _Kind("stiffness", _between(5.0, 10.0), "Nm/rad"),
         "tilt": _Kind("floor_tilt", _either(0.03, 0.08), "rad"),
     }
 )
@@ -157,7 +158,7 @@ def drawn(name: str, lamp: Lamp, assets: Assets) -> Reality | None:
     try:
         if head == "random" and len(parts) <= 2:
             scale = _scale(parts[1]) if len(parts) == 2 else 1.0
-            return random_reality(lamp, load_spread(assets), _seed(parts[0]), scale)
+            return random_reality(lamp, _seed(parts[0]), scale, assets)
         if head == "knob" and len(parts) == 2:
             return random_knob(parts[0], lamp, _seed(parts[1])).reality
     except ValueError as error:

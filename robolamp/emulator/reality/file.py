@@ -15,7 +15,7 @@ A TOML file of sim/lamp/realities/; every value is optional, and off unless it i
     load_friction = 1.0          #   friction by the load on the gears, times this
     armature = 1.0               # the rotor's inertia, times this
     mass = 1.0                   # of the link that the joint turns, times this
-    backlash = 0.006             # rad, play between gear train and output, from end to end
+    backlash = 0.006             # rad, play between gear train and output, from end to end; else the calibration's
     encoder_noise = 0.001        # rad, standard deviation of each reading
     encoder_offset = 0.0         # rad, added to each reading
     encoder_nonlinearity = 0.004 # rad, amplitude of an error that repeats with each turn of the encoder
@@ -48,7 +48,7 @@ A TOML file of sim/lamp/realities/; every value is optional, and off unless it i
     floor_softness = 1.0         # time constant of contacts, times this
     mass = 1.0                   # all masses, times this
     sideways = 0.0               # m, how far to the left of the plane of motion all centres of mass are
-    stiffness = 40.0             # Nm/rad, between each servo and what it turns, which else is rigid
+    stiffness = 15.0             # Nm/rad, between each servo and what it turns, inf: rigid; else the calibration's
 
 In place of a file, "random:7" is the reality that `robolamp.emulator.reality.draw.random_reality` draws with seed 7
 ("random:7:0.5" with half of everything), and "knob:backlash:7" the one with a single knob bent, by `random_knob`.
@@ -82,7 +82,7 @@ _JOINT: dict[str, tuple[float, float, float, str]] = {
     "load_friction": (0.0, 3.0, 1.0, ""),
     "armature": (0.2, 5.0, 1.0, ""),
     "mass": (0.2, 5.0, 1.0, ""),
-    "backlash": (0.0, 0.1, 0.0, "rad"),
+    "backlash": (0.0, 0.1, math.nan, "rad"),
     "encoder_noise": (0.0, 0.1, 0.0, "rad"),
     "encoder_offset": (-0.5, 0.5, 0.0, "rad"),
     "encoder_nonlinearity": (0.0, 0.1, 0.0, "rad"),
@@ -116,7 +116,7 @@ _WHOLE: dict[str, dict[str, tuple[str, float, float, float, str]]] = {
         "floor_softness": ("floor_softness", 1.0, 5.0, 1.0, ""),
         "mass": ("mass", 0.2, 5.0, 1.0, ""),
         "sideways": ("sideways", -0.02, 0.02, 0.0, "m"),
-        "stiffness": ("stiffness", 5.0, math.inf, math.inf, "Nm/rad"),
+        "stiffness": ("stiffness", 5.0, math.inf, math.nan, "Nm/rad"),
     },
 }
 """Of each table: key to attribute of `Reality`, smallest and largest legal value, value that is off, unit."""
