@@ -2,14 +2,16 @@
 
     python benchmarks/convergence.py [--starts 20] [--stiffness 20 100 inf] [--play 0 5] [--steps 1 0.5 0.25]
     python benchmarks/convergence.py --knobs [--starts 20]
+    python benchmarks/convergence.py --cost
     python benchmarks/convergence.py --record hop
 
 The lamp is sent the goals of a hop that was recorded once for 20, 40 and 60 cm (tests/data/frozen_hop.csv), so nothing
 but the physics decides where it lands. Each line is a lamp and a step: the median landing [cm] over slightly different
 starts and, where some fell, how many. Landings of the lamps that are chaotic differ by their starts; the column after
 each says by how much (standard deviation). `--knobs` bends the rigid lamp in one other thing at a time, as the file of
-a reality can, near the ends of what lamps of one design differ by. `--record` writes the goals anew, from a controller
-that hops on the nominal lamp: for a lamp whose model has changed.
+a reality can, near the ends of what lamps of one design differ by. `--cost` tells how long a fleet of lamps takes that
+bend and have play, by a rigid one's time: medians of six runs in turn. `--record` writes the goals anew, from a
+controller that hops on the nominal lamp: for a lamp whose model has changed.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -117,6 +120,25 @@ def landings(twin: TwinModel, goal: float, starts: int = 1) -> Array:
     return np.array(found)
 
 
+def cost() -> None:
+    """Print what springs and play cost a fleet, by a rigid one's time."""
+    controller = load_controller(
+        Assets().named("hop-bending", "sim/lamp/controllers", "controller"), load_lamp(Assets())
+    )
+    program, jobs = controller.compile(controller.terminals), [Job(0, 0, 0.3 + 0.001 * lane) for lane in range(100)]
+    lamps = {"rigid": (math.inf, 0.0), "bends": (23.0, 0.0), "bends and has play": (23.0, 0.005)}
+    fleets = {name: Fleet([lamp(0.002, *gears)], PERIOD) for name, gears in lamps.items()}
+    took: dict[str, list[float]] = {name: [] for name in fleets}
+    for turn in range(7):
+        for name, fleet in fleets.items():
+            before, began = fleet.steps, time.perf_counter()
+            fleet.run([program], jobs, 4.0)
+            if turn:  # the first one compiles
+                took[name].append((time.perf_counter() - began) / (fleet.steps - before))
+    for name, seconds in took.items():
+        print(f"{name:30}{np.median(seconds) / np.median(took['rigid']):6.2f}")
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -126,7 +148,11 @@ def main() -> None:
     parser.add_argument("--steps", type=float, nargs="+", default=[2, 1, 0.5], help="[ms]")
     parser.add_argument("--knobs", action="store_true", help="the other things that a reality changes")
     parser.add_argument("--record", metavar="CONTROLLER", help="write the goals anew: those it sends")
+    parser.add_argument("--cost", action="store_true", help="what springs and play cost, by a rigid fleet's time")
     options = parser.parse_args()
+    if options.cost:
+        cost()
+        return
     if options.record:
         try:
             record(options.record)

@@ -130,11 +130,12 @@ class LampLaw:
         if "mass" in laws and self._error("mass_scale"):
             laws["mass"] = Law("factor", self._error("mass_scale", relative=True))
         # A desk and a supply are not the lamp: they may be others tomorrow.
-        for key, error in (
-            ("floor_friction", self._error("floor_friction", relative=True)), ("supply", self._error("supply_voltage")),
-        ):  # fmt: skip
-            if key in laws and error > laws[key].low:
-                laws[key] = replace(laws[key], low=error)
+        for key, fitted in (
+            ("floor_friction", Law("factor", self._error("floor_friction", relative=True))),
+            ("supply", Law("normal", self._error("supply_voltage"))),
+        ):
+            if key in laws and fitted.low > max(laws[key].low, laws[key].high):
+                laws[key] = fitted
         return replace(spread, laws=laws)
 
     def _told(self, joint: str, name: str) -> bool:

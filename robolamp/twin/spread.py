@@ -98,7 +98,7 @@ _KEYS: Mapping[str, _Key] = {
     "foot_dead_time": _Key(False, 0.0, "s", 0.03),
     "floor_friction": _Key(False, 1.0, "", 0.3),
     "floor_tilt": _Key(False, 0.0, "rad", 0.05),
-    "floor_softness": _Key(False, 1.0, "", 4.0),
+    "floor_softness": _Key(False, 1.0, "", 3.0),
     "mass": _Key(False, 1.0, "", 0.3),
     "sideways": _Key(False, 0.0, "m", 0.005),
     "stiffness": _Key(False, math.nan, "Nm/rad", 1000.0),
@@ -147,7 +147,8 @@ def load_spread(assets: Assets, name: str = "spread") -> Spread:
     Raises:
         FileError: The file is missing or malformed.
     """
-    path = assets.named(name, "sim/tasks", "spread")
+    tasks = tuple(path.stem for path in assets.all("sim/tasks") if not path.stem.startswith("spread"))
+    path = assets.named(name, "sim/tasks", "spread", exclude=tasks)
     root = Table(read_toml(path), str(path))
     root.integer("schema", 2, 2)
     laws = {key: _law(root, key) for key in root.names() if key != "schema"}
@@ -165,10 +166,11 @@ def _law(root: Table, name: str) -> Law:
     if len(given) != 1:
         raise root.fail(name, f"expected a table with {' or '.join(kinds)}")
     kind = given[0]
-    first = table.number(kind, 0.0, key.most, key.unit)
+    most = key.most + 1.0 if kind == "low" and key.off == 1.0 else key.most  # of a factor itself, not of its deviation
+    first = table.number(kind, 0.0, most, key.unit)
     second = 0.0
     if kind == "low":
-        second = table.number("high", first, key.most, key.unit)
+        second = table.number("high", first, most, key.unit)
     if kind == "median":
         second = table.number("factor", 0.0, 1.0)
     table.done()

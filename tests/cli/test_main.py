@@ -102,6 +102,9 @@ def test_scores_over_a_spread_have_a_leading_axis_of_lamps(capsys: pytest.Captur
     assert json.loads(call(capsys, *words, "--seed", "2")[1])["errors_m"] != first["errors_m"]
     none = json.loads(call(capsys, *words, "--spread", "0")[1])
     assert len({row[0] for row in none["errors_m"]}) == 1
+    narrow = json.loads(call(capsys, *words, "--spread-file", "spread-narrow")[1])
+    assert (first["drawn_from"], narrow["drawn_from"]) == ("spread.toml", "spread-narrow.toml")
+    assert narrow["errors_m"] != first["errors_m"]
 
 
 def test_one_lamp_drawn_is_not_the_calibrated_one(capsys: pytest.CaptureFixture[str], nod: Path) -> None:
@@ -178,6 +181,17 @@ def bad_inputs() -> list:
             ("hop --goals 0.1:0.2:" + "1" * 5000, {}, "is not LOW:HIGH:COUNT"),
             ("hop --spread 0.5", {}, "--spread: is for lamps that are drawn; give --lamps, too"),
             ("hop --seed 4", {}, "--seed: is for lamps that are drawn; give --lamps, too"),
+            ("hop --spread-file spread", {}, "--spread-file: is for lamps that are drawn; give --lamps, too"),
+            (
+                "hop --lamps 2 --spread-file wide",
+                {},
+                "wide: no such spread; give a file, or one of: spread, spread-narrow",
+            ),
+            (
+                "hop --lamps 2 --spread-file hop",
+                {},
+                "hop: no such spread; give a file, or one of: spread, spread-narrow",
+            ),
             ("hop --pole low", {}, "--pole: 'low' is not a length above 0.02 m and up to 1 m"),
             ("hop --pole 1cm", {}, "--pole: '1cm' is not a length above 0.02 m and up to 1 m"),
             ("hop --pole 0.2 --pole-at 9cm", {}, "--pole-at: '9cm' is not a length above 0.1 m and up to 5 m"),

@@ -2,14 +2,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from robolamp.controller.terminals import all_terminals, on_board_terminals
 from robolamp.errors import FileError, RobolampError
 from robolamp.evolve.task import load_task
-from robolamp.twin.lamp_model import Pole
+from robolamp.evolve.task_twins import compiled
+from robolamp.twin.fleet import Fleet
+from robolamp.twin.gears import RIGID
+from robolamp.twin.lamp_model import Pole, TwinModel
 
-from .parts import ASSETS, TINY, task
+from .parts import ASSETS, CALIBRATION, LAMP, TINY, task
 
 
 def test_every_shipped_task_loads() -> None:
@@ -134,3 +138,18 @@ def test_a_bad_task_is_refused_by_file_key_and_legal_values(tmp_path: Path, old:
 def test_an_unknown_task_lists_the_known_ones() -> None:
     with pytest.raises(FileError, match=r"juggle: no such task; give a file, or one of: hop"):
         load_task(ASSETS, "juggle")
+
+
+def test_a_task_names_its_spread(tmp_path: Path) -> None:
+    """On the wide one drawn lamps bend, and the calibrated one, which is rigid, stands beside them all the same."""
+    for own, bends in (("", True), ('\nspread = "spread-narrow"', False)):
+        asked = task(tmp_path, ("lamps = 1", f"lamps = 3{own}"))
+        lamps = compiled(asked, LAMP, CALIBRATION, ASSETS, np.random.default_rng(1))
+        stiffness = np.array([lamp.gears.table[:, 1] for lamp in lamps if isinstance(lamp, TwinModel)])
+        assert len(stiffness) == len(lamps)
+        assert (stiffness[0] == (RIGID if bends else 0.0)).all()
+        assert bool((stiffness[1:] > 5.0).all() and (stiffness[1:] < 60.0).all()) is bends
+        Fleet(lamps, asked.control_period)
+    unknown = task(tmp_path, ("lamps = 1", 'lamps = 2\nspread = "wide"'))
+    with pytest.raises(FileError, match="wide: no such spread; give a file, or one of: spread, spread-narrow"):
+        compiled(unknown, LAMP, CALIBRATION, ASSETS, np.random.default_rng(1))

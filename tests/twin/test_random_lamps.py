@@ -114,6 +114,22 @@ def test_of_the_whole_lamp_errors_take_the_place_of_the_spread(tmp_path: Path) -
     assert np.std([numbers.lamp("foot_gain") for numbers, _ in drawn]) == pytest.approx(0.02, rel=0.1)
 
 
+def test_a_spread_of_ones_own_has_any_law_and_a_wider_fit_takes_its_place(tmp_path: Path) -> None:
+    calibration = fitted(tmp_path)
+    whole = dict(calibration.groups["lamp"])
+    whole["supply_voltage"] = replace(whole["supply_voltage"], stderr=0.3)
+    whole["floor_friction"] = replace(whole["floor_friction"], stderr=0.008)
+    spread = tmp_path / "own.toml"
+    spread.write_text("schema = 2\nsupply = { low = 0.1, high = 0.2 }\nfloor_friction = { low = 1.0, high = 1.2 }\n")
+    fit = replace(calibration, groups={**calibration.groups, "lamp": whole})
+    law, rng = LampLaw(LAMP, fit, ASSETS, str(spread)), np.random.default_rng(1)
+    bends = [law.draw(rng)[1] for _ in range(2000)]
+    assert np.std([bend.supply for bend in bends]) == pytest.approx(0.3, rel=0.1)
+    floors = [bend.floor_friction for bend in bends]
+    assert (min(floors), max(floors)) == pytest.approx((1.0, 1.2), abs=0.01)
+    assert law.source == "nominal's covariance and own.toml"
+
+
 def test_a_single_servos_covariance_is_shared_by_the_joints_and_widens_the_spread() -> None:
     calibration = load_calibration(ASSETS, "xl330-m288-bench")
     law, rng = LampLaw(LAMP, calibration, ASSETS), np.random.default_rng(1)

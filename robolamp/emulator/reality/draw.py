@@ -33,7 +33,7 @@ def random_reality(lamp: Lamp, seed: int, scale: float = 1.0, assets: Assets | N
     Args:
         lamp: The lamp that is bent.
         seed: The same seed, lamp, spread and scale give the same reality.
-        scale: Every deviation from the twin, times this: 0 (the twin itself) to 3.
+        scale: Every deviation from the twin, times this, 0 to 3; of play and stiffness, from the spread's medians.
         assets: Where the spread is; by default where sim/ is.
 
     Raises:

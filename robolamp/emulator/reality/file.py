@@ -48,7 +48,7 @@ A TOML file of sim/lamp/realities/; every value is optional, and off unless it i
     floor_softness = 1.0         # time constant of contacts, times this
     mass = 1.0                   # all masses, times this
     sideways = 0.0               # m, how far to the left of the plane of motion all centres of mass are
-    stiffness = 15.0             # Nm/rad, between each servo and what it turns, inf: rigid; else the calibration's
+    stiffness = 15.0             # Nm/rad, behind each servo (1e4: as if rigid); else the calibration's
 
 In place of a file, "random:7" is the reality that `robolamp.emulator.reality.draw.random_reality` draws with seed 7
 ("random:7:0.5" with half of everything), and "knob:backlash:7" the one with a single knob bent, by `random_knob`.
