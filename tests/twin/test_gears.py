@@ -162,6 +162,7 @@ def test_the_emulated_lamp_of_a_calibration_with_play_is_that_twin() -> None:
         DESK, NOMINAL, ASSETS, dataclasses.replace(Reality.none(DESK), backlash=0.006, stiffness=30.0), clamped=True
     )
     body = Body(twin(calibration, clamped=True))
+    body.data.qpos[:] = lamp.plant._data.qpos  # friction keeps how a lamp began
     for world in (lamp, bent):
         for joint in range(3):
             world.plant.drive(joint, Drive(torque=True, goal=0.2, p_gain=800, duty_limit=1.0))
@@ -170,7 +171,7 @@ def test_the_emulated_lamp_of_a_calibration_with_play_is_that_twin() -> None:
     np.testing.assert_array_equal(lamp.plant.angle, bent.plant.angle)
     body.set_goal(np.full(3, 0.2))
     body.step(250)
-    np.testing.assert_allclose(lamp.plant.angle, body.angle, atol=3e-3)
+    np.testing.assert_allclose(lamp.plant.angle, body.angle, atol=2e-3)
 
 
 def test_all_servos_share_one_supply() -> None:
