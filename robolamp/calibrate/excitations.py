@@ -13,13 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.controller.envelope import Envelope
-from robolamp.controller.hop_counter import SignalLimits
-from robolamp.controller.pilot import PilotStep
-from robolamp.controller.terminals import Signals
-from robolamp.lamp import Lamp
-from robolamp.signals import Observation
-
 Array = NDArray[np.float64]
 Signal = Callable[[float], float]
 """Share of a joint's swing, -1 to 1, at a time since the excitation began [s]."""
@@ -112,41 +105,3 @@ class Excitation:
         after = max(time - FADE, 0.0)
         wave = np.array([signal(after) for signal in self.signals])
         return fade * self.middle + (self.swing * wave if time >= FADE else 0.0)
-
-
-class ExcitationPilot:
-    """Plays an excitation in the loop, where a controller would be; the same envelope keeps its goals safe.
-
-    Args:
-        excitation: What to play.
-        lamp: Limits and slew.
-    """
-
-    terminals: tuple[str, ...] = ()
-
-    def __init__(self, excitation: Excitation, lamp: Lamp) -> None:
-        n = len(lamp.joints)
-        self._excitation = excitation
-        self.control_period = excitation.period
-        self._envelope = Envelope(lamp.lower, lamp.upper, lamp.slew, excitation.period, np.zeros(n))
-        self._contact = Signals(1, n, SignalLimits.of(lamp, excitation.period), ())
-        self._nowhere = np.zeros(1)
-
-    def step(self, observation: Observation, time: float) -> PilotStep:
-        """Return the goals for one tick.
-
-        Args:
-            observation: What was measured; only the foot's contact is made of it.
-            time: Since the run began, by the schedule [s].
-        """
-        self._contact.update(observation.angle[None], np.array([observation.foot_force]), self._nowhere)
-        wanted = self._excitation.goal(time)
-        goal = self._envelope.apply(wanted)
-        return PilotStep(
-            inputs=np.empty(0),
-            outputs=wanted,
-            goal=goal,
-            hops=int(self._contact.hops[0]),
-            contact=bool(self._contact.contact[0]),
-            interventions=self._envelope.interventions,
-        )

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from robolamp.assets import Assets
-from robolamp.calibrate.excitations import ExcitationPilot
 from robolamp.calibrate.manifest import Entry, Manifest, check_recordings, load_manifest
 from robolamp.calibrate.procedure import WEIGH, Step
 from robolamp.calibration import Calibration
 from robolamp.controller.controller_file import load_controller
+from robolamp.controller.goal_pilot import GoalPilot
 from robolamp.controller.pilot import Pilot
 from robolamp.errors import FileError, SafetyError
 from robolamp.files import alone, partial, sha256, suffix_of
@@ -186,10 +186,10 @@ def _record_step(
     return Entry(step.name, final.name, sha256(final), step.clamped, travel), ports.mass
 
 
-def _pilot(session: Session, step: Step, lamp: Lamp) -> tuple[Pilot | ExcitationPilot, str]:
+def _pilot(session: Session, step: Step, lamp: Lamp) -> tuple[Pilot | GoalPilot, str]:
     """Return what drives, compiled, and its file's text."""
     if step.excitation:
-        return ExcitationPilot(step.excitation, lamp), ""
+        return GoalPilot(step.excitation.goal, lamp, step.excitation.period), ""
     path = session.assets.named(step.controller, "sim/lamp/controllers", "controller")
     controller = load_controller(path, session.lamp, on_board=True)
     return Pilot(controller, lamp, step.goal), controller.source
@@ -199,7 +199,7 @@ def _play(
     session: Session,
     step: Step,
     lamp: Lamp,
-    pilot: Pilot | ExcitationPilot,
+    pilot: Pilot | GoalPilot,
     source: str,
     ports: StepConnection,
     path: Path,

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.controller.pilot import PilotStep
+from robolamp.ease import EASES, MINIMUM_JERK
 from robolamp.errors import BusError, RobolampError
 from robolamp.lamp import Lamp
 from robolamp.runtime.clock import PERIOD, Schedule, Sleep, check_period
 from robolamp.runtime.health import Action, Guard
 from robolamp.runtime.result import Reporter, RunResult
-from robolamp.runtime.soft_start import first_goal, present_pose, smooth, still_held
+from robolamp.runtime.soft_start import first_goal, present_pose, still_held
 from robolamp.runtime.stop import StopRequest
 from robolamp.signals import Command, LampBackend, Observation, Tick
 
@@ -373,7 +374,7 @@ class _Loop:
             if self._ended and not self._landing:
                 self._close(phase, moment, self._goal)
                 return
-            self._close(phase, moment, source + (target - source) * smooth(time / move))
+            self._close(phase, moment, source + (target - source) * EASES[MINIMUM_JERK](time / move))
             if time > length - self._period / 2:
                 return
 

@@ -1,4 +1,4 @@
-"""Soft start and release: where every joint is, the smooth curve to the first goal, and at the end who still holds."""
+"""Soft start and release: where every joint is, the first goal, and at the end who still holds."""
 
 from __future__ import annotations
 
@@ -19,16 +19,6 @@ RELEASE_TIME = 2.0
 """How long servos that do not confirm that their torque is off are told again at the end [s]."""
 
 _AGAIN = 0.1  # s: between two tellings
-
-
-def smooth(share: float) -> float:
-    """Return the minimum-jerk curve (Flash and Hogan 1985): 0 at 0, 1 at 1, at rest at both ends.
-
-    Args:
-        share: Elapsed share of the movement; held at the ends outside 0 to 1.
-    """
-    s = min(max(share, 0.0), 1.0)
-    return s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
 
 
 def present_pose(backend: LampBackend, lamp: Lamp) -> Array:

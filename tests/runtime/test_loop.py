@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import NoReturn
 
 import numpy as np
@@ -12,7 +11,7 @@ from robolamp.robot.robot_lamp import WATCHDOG, servo_traits
 from robolamp.runtime.clock import MAX_PERIOD
 from robolamp.runtime.health import ANGLE_AGE
 from robolamp.runtime.loop import LANDING, REPLUG_TIME, START_HOLD, START_MOVE, run
-from robolamp.runtime.soft_start import RELEASE_TIME, smooth
+from robolamp.runtime.soft_start import RELEASE_TIME
 from robolamp.runtime.stop import StopRequest
 from robolamp.signals import Command, Observation, Tick
 
@@ -400,16 +399,6 @@ def test_a_plug_that_stays_loose_ends_the_run(lasts: float, said: str) -> None:
     result = run(lamp, Wave(), LAMP, duration=1.0, reconnect=lamp.reconnect)
     assert said in (result.ended, result.reason.rpartition("; ")[2])
     assert lamp.clock.now() - lamp.gone < 70.0
-
-
-def test_minimum_jerk() -> None:
-    share = np.linspace(0, 1, 1001)
-    curve = np.array([smooth(s) for s in share])
-    speed = np.gradient(curve, share)
-    assert (curve[0], curve[-1], smooth(-1), smooth(2)) == (0, 1, 0, 1)
-    assert speed.max() == pytest.approx(15 / 8, rel=1e-3)
-    assert speed[[0, -1]] == pytest.approx([0, 0], abs=1e-4)
-    assert math.isclose(smooth(0.5), 0.5)
 
 
 class Unplugged(FakeLamp):
