@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from robolamp.cli.options import DURATION, GOAL_TIME, Setup, length
-from robolamp.cli.screen.output import print_json
 from robolamp.controller.controller_file import check_goal_time
-from robolamp.errors import FileError, RobolampError
 
 
 def deploy(
@@ -60,79 +56,11 @@ def deploy(
         as_json: Print one JSON object.
     """
     setup = Setup.of(lamp, calibration)
-    if setup.calibration.other_lamp(setup.lamp.source):
-        print(
-            f"robolamp: {setup.calibration.path}: was fitted to another lamp, or {setup.lamp.path.name} was changed "
-            "since; what the twin is compared with may not be this lamp",
-            file=sys.stderr,
-        )
     loaded = setup.controller(controller, on_board=True)
     check_goal_time(loaded, goal_time)
     distance = length(goal, "--goal")
-    servos, foot = port or setup.lamp.bus_port, foot_port or setup.lamp.foot_port
-    for key, option, value in (("bus.port", "--port", servos), ("foot.port", "--foot-port", foot)):
-        if not value.strip():
-            raise FileError(
-                f"{key}: {value!r} is not a serial port; name it there or by {option}", str(setup.lamp.path)
-            )
 
-    from robolamp.cli.run.drive import Drive, drive, run_folder  # after the arguments are checked
-    from robolamp.cli.run.outcome import (
-        Failure,
-        account,
-        busy,
-        compared,
-        concluded,
-        ended,
-        facts,
-        noted,
-        reported,
-        tell,
-        tell_of_none,
-        tell_of_shadow,
-        tidying,
-    )
-    from robolamp.cli.run.stages import STAGES, check_before
-    from robolamp.cli.run.witness import judged
-    from robolamp.compare.tolerances import load_tolerances
-    from robolamp.lateness import Lateness
-    from robolamp.robot.connection import Connection
-    from robolamp.runtime.clock import MonotonicClock
-    from robolamp.runtime.stop import StopRequest
+    from robolamp.cli.run.physical_run import PhysicalRun, run_physical  # after the arguments are checked
 
-    chosen = STAGES[stage] if stage else None
-    for option, given in (("--after", after is not None), ("--force", force)):
-        if given and not (chosen and chosen.before):
-            raise RobolampError("is for --stage gentle and --stage full", option)
-    if chosen and not force:
-        check_before(chosen, after, loaded.source, setup.lamp)
-    allowed = load_tolerances(setup.assets)
-    folder = run_folder(output, loaded, distance)
-    plan = Drive(
-        setup, loaded, distance, duration, "lamp", folder / "log.mcap", goal_time, chosen, fix, resume_after_replug
-    )
-    with tidying(plan), StopRequest() as stop:
-        result = drive(plan, Connection.real(servos, foot, MonotonicClock()), stop, as_json)
-    plan.host.busy = judged(plan.watch, Lateness(), result.ended, plan.host.patience)
-    if not plan.phases["run"]:
-        return tell_of_none(plan, result, as_json)
-    if chosen and not chosen.powered:
-        return tell_of_shadow(plan, result, as_json)
-    failures: list[Failure] = []
-    comparison = reported(lambda: compared(plan, folder / "report.html", allowed), failures, plan.log)
-    if as_json:
-        found = {**comparison.parts, "report": comparison.report} if comparison else {}
-        print_json({**facts(plan, result), **found, **noted(failures)})
-    else:
-        ruler = shlex.join(["robolamp", "compare", str(plan.log)])
-        tell(
-            comparison.word if comparison else f"Run {ended(result)}.",
-            (f"{comparison.text}\n" if comparison else " ")
-            + f"Where it landed is for your ruler, and then: `{ruler} --landed 28.1cm`.\n"
-            + (f"Run {ended(result)}. " if comparison else "")
-            + f"{account(result)}\n"
-            + busy(plan, result)
-            + f"log     {plan.log}"
-            + (f"\nreport  {comparison.report}" if comparison else ""),
-        )
-    return concluded(0 if result.ended == "finished" else 1, failures)
+    how = PhysicalRun(setup, port, foot_port, stage, after, force, fix, resume_after_replug)
+    return run_physical(how, loaded, distance, duration, goal_time, output=output, as_json=as_json)

@@ -34,6 +34,7 @@ from robolamp.errors import FileError
 from robolamp.files import partial
 from robolamp.lamp import Lamp, load_lamp
 from robolamp.log.reader import Run, Truth, read_run, read_truth
+from robolamp.log.run_context import PLAYED
 from robolamp.log.schemas import TWIN_PREFIX
 from robolamp.log.writer import LogWriter
 
@@ -266,7 +267,7 @@ def _same_task(run: Run, held: Run) -> None:
         raise FileError(
             f"is of joints {', '.join(held.joints)}; {run.path} is of {', '.join(run.joints)}", str(held.path)
         )
-    if run.context.get("controller") != held.context.get("controller"):
+    if any(run.context.get(kind) != held.context.get(kind) for kind in ("controller", *PLAYED)):
         raise FileError(
             f"is a run of controller {held.context.get('controller_name', 'unknown')!r}; {run.path} is one of "
             f"{run.context.get('controller_name', 'unknown')!r}: only runs of one controller compare",

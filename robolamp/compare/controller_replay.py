@@ -16,6 +16,7 @@ from robolamp.controller.pilot import Pilot
 from robolamp.errors import FileError, RobolampError
 from robolamp.lamp import Lamp
 from robolamp.log.reader import Run
+from robolamp.log.run_context import PLAYED
 from robolamp.signals import Health, Observation
 
 _FLIGHT_TIME_0_1_0 = 0.04  # the shortest flight that 0.1.0 counted, whose logs do not say [s]
@@ -100,6 +101,9 @@ def logged_pilot(run: Run, lamp: Lamp) -> Pilot:
         RobolampError: The log holds no controller or no goal, or the controller does not fit the lamp.
     """
     text = run.context.get("controller", "")
+    for kind in PLAYED:
+        if run.context.get(kind):
+            raise FileError(f"the log is of a {kind}, and names no controller", str(run.path))
     if not text or not np.isfinite(run.goal_m):
         raise FileError("the log holds no controller, no goal, or no run", str(run.path))
     # A gentle stage slews at a share of the lamp's own rate; the log says at which.

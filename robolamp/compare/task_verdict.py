@@ -14,6 +14,7 @@ from robolamp.compare.landing import Landing
 from robolamp.compare.run_ending import Ending
 from robolamp.lamp import Lamp
 from robolamp.log.reader import Run
+from robolamp.log.run_context import PLAYED
 from robolamp.twin.judge import HOP_LANDING_TILT, REST_MOTION, REST_WINDOW
 
 DONE, NOT_DONE, CANNOT_SAY = "done", "not done", "cannot say"
@@ -35,6 +36,8 @@ class Task:
 def task_of(run: Run, lamp: Lamp, ending: Ending, landing: Landing, alone: Alone, allowed: float) -> Task:
     """Return whether a run did its task: at rest within `allowed` of the goal, upright, at the end of a whole run.
 
+    A gesture's task is to be played to its end where the lamp stands.
+
     If nobody knows where it landed, the answer can only be "not done" or "cannot say".
 
     Args:
@@ -49,13 +52,23 @@ def task_of(run: Run, lamp: Lamp, ending: Ending, landing: Landing, alone: Alone
     if ending.wrong:
         against.append(ending.wrong)
     unknown = []
-    if not math.isfinite(run.goal_m):
+    stays = plays_in_place(run)
+    if stays and abs(landing.travel) > allowed:
+        against.append(f"it was to stay where it stood, allowed {cm(allowed)}")
+    if not math.isfinite(run.goal_m) and not stays:
         unknown.append("the log names no goal")
-    if not math.isfinite(landing.travel):
+    if not math.isfinite(landing.travel) and not stays:
         unknown.append("nothing measured where it landed")
     word = NOT_DONE if against else CANNOT_SAY if unknown else DONE
     well = [] if against or unknown or math.isnan(landing.motion) else ["at rest and upright"]
+    if stays and not against:
+        well.insert(0, "played to its end")
     return Task(word, (*_landed(run, landing), *well, *against, *unknown, _hops(run, landing, alone)))
+
+
+def plays_in_place(run: Run) -> bool:
+    """Return whether a run is of gestures alone: the lamp is sent nowhere."""
+    return math.isnan(run.goal_m) and any(run.context.get(kind) for kind in PLAYED)
 
 
 def _landed(run: Run, landing: Landing) -> Iterator[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import platform
 import shlex
 import sys
@@ -14,6 +15,9 @@ from robolamp.lamp import Lamp
 
 SERVO_SETTINGS = "servo_settings"
 """Where the context keeps what the servos were set to once torque was on; a log of 0.1.0 has none."""
+
+PLAYED = ("gesture", "sequence")
+"""Where the context keeps the text of what was played in place of a controller."""
 
 _PACKAGES = ("robolamp", "mujoco", "numpy", "dynamixel-sdk", "mcap")
 
@@ -47,10 +51,10 @@ def run_context(
         backend: What is being driven, "twin", "emulator" or "lamp".
         lamp: The lamp's description.
         calibration: The calibration in force.
-        controller: The controller file's text.
-        controller_name: Its name.
+        controller: The controller file's text; empty where something else drives.
+        controller_name: Its name, or that of what else drives.
         terminals: Names of the controller's terminals, in the order of the ticks' `inputs`.
-        goal: Where to go [m].
+        goal: Where to go [m]; NaN: nowhere.
         control_period: Time from tick to tick [s].
         goal_time: Commanded time to take for the way [s]; None: none is commanded.
     """
@@ -64,7 +68,7 @@ def run_context(
         "controller": controller,
         "controller_name": controller_name,
         "terminals": " ".join(terminals),
-        "goal_m": repr(float(goal)),
+        **({} if math.isnan(goal) else {"goal_m": repr(float(goal))}),
         **({} if goal_time is None else {"goal_time_s": repr(float(goal_time))}),
         "control_period": repr(float(control_period)),
         "flight_time_s": repr(float(lamp.flight_time)),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol
 
 from robolamp.cli.options import Setup
 from robolamp.cli.run.stages import STAGES, Stage
@@ -17,14 +19,48 @@ from robolamp.cli.screen.stop_key import StopKeys
 from robolamp.controller.controller_file import Controller
 from robolamp.controller.pilot import Pilot
 from robolamp.errors import FileError
+from robolamp.lamp import Lamp
 from robolamp.log.run_context import run_context
 from robolamp.log.schemas import DURATION
 from robolamp.robot.connection import Connection
 from robolamp.robot.shadow_lamp import ShadowLamp
-from robolamp.runtime.recorded_run import Audience, RunLog, record_run
+from robolamp.runtime.recorded_run import Audience, RecordedPilot, RunLog, record_run
 from robolamp.runtime.result import RunResult
 from robolamp.runtime.stop import StopRequest
 from robolamp.signals import Tick
+
+
+class ActPilot(RecordedPilot, Protocol):
+    """A pilot whose inputs have names."""
+
+    terminals: tuple[str, ...]
+
+
+class Act(Protocol):
+    """What drives the lamp where no controller does, such as a gesture."""
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        ...
+
+    @property
+    def texts(self) -> Mapping[str, str]:
+        """The texts of its files, as the log keeps them."""
+        ...
+
+    @property
+    def planned(self) -> bool:
+        """Whether every goal was known before."""
+        ...
+
+    def pilot(self, lamp: Lamp) -> ActPilot:
+        """Return what plays it in the loop.
+
+        Args:
+            lamp: Limits and slew.
+        """
+        ...
 
 
 @dataclass
@@ -51,8 +87,8 @@ class Drive:
 
     Attributes:
         setup: The lamp that a verb works with.
-        controller: What drives it.
-        goal: Commanded distance [m].
+        act: What drives it.
+        goal: Commanded distance [m]; NaN: it is sent nowhere.
         duration: Length of the run phase [s].
         backend: "emulator" or "lamp", for the log.
         log: The log file.
@@ -66,7 +102,7 @@ class Drive:
     """
 
     setup: Setup
-    controller: Controller
+    act: Controller | Act
     goal: float
     duration: float
     backend: str
@@ -79,9 +115,29 @@ class Drive:
     watch: Watch = field(default_factory=Watch)
     host: Host = field(default_factory=Host)
 
+    @property
+    def texts(self) -> Mapping[str, str]:
+        """The texts of what drives, as the log keeps them."""
+        return {"controller": self.act.source} if isinstance(self.act, Controller) else self.act.texts
+
+    @property
+    def planned(self) -> bool:
+        """Whether every goal was known before: nothing that is measured changes them."""
+        return not isinstance(self.act, Controller) and self.act.planned
+
+    def pilot(self, lamp: Lamp) -> ActPilot:
+        """Return what drives, compiled.
+
+        Args:
+            lamp: Limits and slew.
+        """
+        if isinstance(self.act, Controller):
+            return Pilot(self.act, lamp, self.goal, self.goal_time)
+        return self.act.pilot(lamp)
+
 
 def drive(plan: Drive, ports: Connection, stop: StopRequest, quiet: bool) -> RunResult:
-    """Run a controller on a lamp behind two serial ports.
+    """Run a controller, or another act, on a lamp behind two serial ports.
 
     Args:
         plan: What to do.
@@ -99,7 +155,7 @@ def drive(plan: Drive, ports: Connection, stop: StopRequest, quiet: bool) -> Run
     """
     stage = plan.stage or STAGES["full"]
     lamp = stage.lamp(plan.setup.lamp)
-    pilot = Pilot(plan.controller, lamp, plan.goal, plan.goal_time)  # compiled before anything is connected
+    pilot = plan.pilot(lamp)  # compiled before anything is connected
     robot = ports.robot(lamp, duty=stage.duty, fix=plan.fix)
     backend = robot if stage.powered else ShadowLamp(robot, lamp)
     if ports.epoch is None:
@@ -109,20 +165,24 @@ def drive(plan: Drive, ports: Connection, stop: StopRequest, quiet: bool) -> Run
         backend=plan.backend,
         lamp=lamp,
         calibration=plan.setup.calibration,
-        controller=plan.controller.source,
-        controller_name=plan.controller.name,
+        controller="",
+        controller_name=plan.act.name,
         terminals=pilot.terminals,
         goal=plan.goal,
         goal_time=plan.goal_time,
         control_period=pilot.control_period,
     )
-    context[DURATION] = repr(float(plan.duration))
+    context |= {**plan.texts, DURATION: repr(float(plan.duration))}
     if plan.stage:
         context |= {"stage": stage.name, "duty_limit": repr(stage.duty), "slew_share": repr(stage.slew)}
 
     @contextlib.contextmanager
     def audience() -> Iterator[Audience]:
-        with StopKeys() as keys, LiveView(lamp, plan.goal, plan.duration, quiet, keys=keys.listening) as view:
+        doing = "hopping" if isinstance(plan.act, Controller) else plan.act.name
+        with (
+            StopKeys() as keys,
+            LiveView(lamp, plan.goal, plan.duration, quiet, keys=keys.listening, doing=doing) as view,
+        ):
             stop.asked = keys.pressed
 
             def tick(entry: Tick) -> None:
@@ -138,18 +198,19 @@ def drive(plan: Drive, ports: Connection, stop: StopRequest, quiet: bool) -> Run
     )  # fmt: skip
 
 
-def run_folder(output: Path | None, controller: Controller, goal: float) -> Path:
+def run_folder(output: Path | None, name: str, goal: float = math.nan) -> Path:
     """Return the folder a run's files go to.
 
     Args:
         output: `--output`; None: a new folder in runs/, named by time, controller and goal.
-        controller: Gives its name.
-        goal: [m].
+        name: Of the controller, or of what else drives.
+        goal: [m]; NaN: there is none.
 
     Raises:
         FileError: The folder holds a run already, or its name cannot be one.
     """
-    folder = output or Path("runs") / f"{time.strftime('%Y%m%d-%H%M%S')}-{controller.name}-{goal * 100:.0f}cm"
+    way = "" if math.isnan(goal) else f"-{goal * 100:.0f}cm"
+    folder = output or Path("runs") / f"{time.strftime('%Y%m%d-%H%M%S')}-{name}{way}"
     try:
         if (folder / "log.mcap").exists():
             raise FileError("holds a run already; give another folder with -o", str(folder))

@@ -1,8 +1,9 @@
-"""What dry-run and deploy tell of a run, whatever fails after it, and what they leave behind when there was none."""
+"""What is told of a run, whatever fails after it, and what is left behind when there was none."""
 
 from __future__ import annotations
 
 import contextlib
+import math
 import shlex
 import signal
 import sys
@@ -18,6 +19,7 @@ from rich.text import Text
 
 from robolamp.cli.run.drive import Drive
 from robolamp.cli.screen.output import print_json
+from robolamp.compare.align import JointError, Trace, compare_joint
 from robolamp.compare.task_verdict import NOT_DONE
 from robolamp.compare.tolerances import Tolerances
 from robolamp.errors import RobolampError, on_one_line
@@ -194,6 +196,60 @@ def compared(plan: Drive, report: Path, allowed: Tolerances, truth: Path | None 
     return Compared(found.parts(), *told(found), report)
 
 
+@dataclass(frozen=True)
+class Followed:
+    """How well the joints followed a motion that was planned.
+
+    Attributes:
+        facts: As `--json` has it; empty where nothing was planned.
+        text: For people, with a line feed at its end; empty likewise.
+    """
+
+    facts: dict[str, Any]
+    text: str
+
+
+def followed(plan: Drive, failures: list[Failure]) -> Followed:
+    """Return how well the joints followed the planned motion, as they measured it.
+
+    Args:
+        plan: What was asked for.
+        failures: What went wrong so far.
+    """
+    if not plan.planned:
+        return Followed({}, "")
+    joints = reported(lambda: _followed(plan), failures, plan.log)
+    if joints is None:
+        return Followed({}, "")
+    facts = [
+        {
+            "name": joint.name,
+            "lag_ms": joint.lag * 1e3,
+            "mae_mrad": {"before": joint.before.mae * 1e3, "after": joint.after.mae * 1e3},
+        }
+        for joint in joints
+    ]
+    said = ", ".join(
+        f"{joint.name} {joint.before.mae * 1e3:.0f} mrad"
+        + (f" ({joint.after.mae * 1e3:.0f} with {joint.lag * 1e3:.0f} ms of lag removed)" * math.isfinite(joint.lag))
+        for joint in joints
+    )
+    return Followed({"planned": facts}, f"Off the planned motion, on the average: {said}.\n")
+
+
+def _followed(plan: Drive) -> list[JointError]:
+    run = read_run(plan.log)
+    rows = run.phase == "run"
+    planned, at = run.outputs[rows], run.sampled_at[rows]
+    return [
+        compare_joint(
+            name, Trace.of(run.write_done[rows], planned[:, index]), Trace.of(at[:, index], run.angle[rows, index]),
+            int(np.count_nonzero(rows)),
+        )
+        for index, name in enumerate(run.joints)
+    ]  # fmt: skip
+
+
 def noted(failures: Sequence[Failure]) -> dict[str, str]:
     """Return what `--json` says of the first failure after a run; nothing where there was none."""
     return {"error": failures[0].message, "where": failures[0].where} if failures else {}
@@ -255,7 +311,7 @@ def tell_of_shadow(plan: Drive, result: RunResult, as_json: bool) -> int:
             f"{joint.upper:+.2f}), at most {row['fastest_rad_s']:.1f} of {joint.slew:g} rad/s"
             for row, joint in zip(commanded, plan.setup.lamp.joints, strict=False)
         ]
-        after = f"next    robolamp deploy ... --stage gentle --after {shlex.quote(str(plan.log))}"
+        after = f"next    the same with --stage gentle --after {shlex.quote(str(plan.log))}"
         head = "; torque stayed off." + (" It would have commanded" if lines else "")
         said = "\n".join([head, *lines, account(result)])
         tell(ended(result), f"{said}\n{busy(plan, result)}log     {plan.log}\n{after}")

@@ -47,14 +47,21 @@ STAGES: Mapping[str, Stage] = MappingProxyType(
 )
 """By name. Estimates, both of gentle: half the supply and a quarter of the speed."""
 
+BY_HAND = Stage("by hand", "", False, 1.0, 1.0)
+"""A person moves the lamp, whose torque stays off."""
 
-def check_before(stage: Stage, after: Path | None, controller: str, lamp: Lamp) -> None:
-    """Check that the stage before this one was run to its end, with the same controller on the same lamp.
+SOFT = Stage("soft", "", True, 0.3, 1.0)
+"""A person moves the lamp, whose servos hold its weight and no more: it needs a fifth of their stall torque (measured
+on the twin), and a hand overcomes a third."""
+
+
+def check_before(stage: Stage, after: Path | None, texts: Mapping[str, str], lamp: Lamp) -> None:
+    """Check that the stage before this one was run to its end, with the same controller (or gesture) on the same lamp.
 
     Args:
         stage: The stage that is to run.
         after: The log of the one before.
-        controller: Text of the controller file.
+        texts: Of the controller file, or of what else drives, as a log keeps them.
         lamp: The lamp's description.
 
     Raises:
@@ -70,8 +77,9 @@ def check_before(stage: Stage, after: Path | None, controller: str, lamp: Lamp) 
     found = run.context.get("stage", "")
     if found != stage.before:
         raise SafetyError(f"is the log of {found or 'no'} stage; {wanted}", str(after))
-    if run.context.get("controller") != controller:
-        raise SafetyError(f"is of another controller ({run.context.get('controller_name', '?')}); {wanted}", str(after))
+    other = [kind for kind, text in texts.items() if run.context.get(kind) != text]
+    if other:
+        raise SafetyError(f"is of another {other[0]} ({run.context.get('controller_name', '?')}); {wanted}", str(after))
     if not same_lamp(lamp, run.context.get("lamp", "")):
         raise SafetyError(f"is of another lamp, or {lamp.path.name} was changed since; {wanted}", str(after))
     if not any(text == "torque off; finished" for _, _, text in run.events):

@@ -15,7 +15,8 @@ from robolamp.signals import Tick
 
 _EVERY = 5  # ticks between drawings: ten a second at 50 Hz
 _BAR, _FULL_FORCE = 24, 8.0  # characters, and the force that fills them: about four times the lamp's weight [N]
-_PHASES = {"start": "soft start", "run": "hopping", "landing": "soft landing"}
+_PHASES = {"start": "soft start", "landing": "soft landing"}  # in "run" it is what drives
+_TITLE = 12  # characters
 
 
 class _Console(Console):
@@ -32,15 +33,18 @@ class LiveView:
 
     Args:
         lamp: The lamp.
-        goal: Commanded distance [m].
+        goal: Commanded distance [m]; NaN: there is none.
         duration: Length of the run phase [s].
         quiet: Draw nothing (for `--json`).
         keys: Whether stop keys are listened to.
+        doing: What it does in phase "run".
     """
 
-    def __init__(self, lamp: Lamp, goal: float, duration: float, quiet: bool, *, keys: bool = False) -> None:
+    def __init__(
+        self, lamp: Lamp, goal: float, duration: float, quiet: bool, *, keys: bool = False, doing: str = "hopping"
+    ) -> None:
         self._console = _Console(stderr=True, quiet=quiet, highlight=False)
-        self._lamp, self._goal, self._duration = lamp, goal, duration
+        self._lamp, self._goal, self._duration, self._doing = lamp, goal, duration, doing
         self._keys = "q, Space, Esc or Ctrl-C" if keys else "Ctrl-C"
         self._live = Live(console=self._console, auto_refresh=False, transient=True)
         self._drawing = self._console.is_terminal and not quiet
@@ -81,12 +85,14 @@ class LiveView:
 
     def _picture(self, tick: Tick) -> Table:
         grid = Table.grid(padding=(0, 2))
-        grid.add_column(width=12)
+        grid.add_column(width=_TITLE)
         grid.add_column()
         elapsed = min(self._elapsed, self._duration)
         filled = round(_BAR * elapsed / self._duration)
         share = "█" * filled + "░" * (_BAR - filled)
-        grid.add_row(_PHASES[tick.phase], f"{share} {elapsed:4.1f} of {self._duration:.1f} s to {self._goal:.2f} m")
+        way = "" if math.isnan(self._goal) else f" to {self._goal:.2f} m"
+        doing = _PHASES.get(tick.phase, self._doing)[:_TITLE]
+        grid.add_row(doing, f"{share} {elapsed:4.1f} of {self._duration:.1f} s{way}")
         force = tick.observation.foot_force
         pushed = round(_BAR * min(max(force, 0.0) / _FULL_FORCE, 1.0)) if math.isfinite(force) else 0
         pressed = "▮" * pushed + "·" * (_BAR - pushed)
