@@ -392,6 +392,10 @@ class Table:
         self._read.update(self._data)
         return dict(self._data)
 
+    def is_text(self, key: str) -> bool:
+        """Return whether a key is present and holds a string: for one that may be of another type, too."""
+        return isinstance(self._data.get(key), str)
+
     def _get(self, key: str, expected: str, default: Any) -> Any:
         self._read.add(key)
         if key in self._data:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from robolamp.log.summary import Summary
 
 _SHOWN = 5  # gaps, faults and events that are listed; --json has all
-_TEXTS = ("controller", "lamp", "calibration")  # of the context: whole files
+_TEXTS = ("controller", "gesture", "sequence", "lamp", "calibration")  # of the context: whole files
 
 app = App(name="log", help_format="plaintext", result_action="return_value")
 Json = Annotated[bool, Parameter(name="--json", negative="")]
@@ -29,7 +29,7 @@ def info(log: Path, /, *, text: str | None = None, as_json: Json = False) -> int
 
     Args:
         log: The log (.mcap): of a lamp, of its twin, or the truth log of an emulated lamp.
-        text: Print only one text that the run was made with: controller, lamp or calibration.
+        text: Print only one text that the run was made with: controller, gesture, sequence, lamp or calibration.
         as_json: Print one JSON object, with every gap, fault and event, and everything the run was made with.
     """
     from robolamp.log.summary import summarise

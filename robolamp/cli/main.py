@@ -38,6 +38,13 @@ stopped; 2: it could not run.""",
 It moves the lamp softly to its neutral pose, lets the controller drive, moves softly to rest, and turns torque off.
 Then it writes a report that compares the lamp with its twin, the MuJoCo model of it. Stand the lamp upright with room
 to hop and a hand near its plug. Ctrl-C lands it softly; a second Ctrl-C turns its torque off at once.""",
+    "gesture": """Make the lamp nod, peek or stretch: list, check, play and record gestures.
+
+A gesture is a short motion of a few key frames, in a text file that you can change. `robolamp gesture play curious`
+plays one on the emulated lamp, with --port on the physical one.""",
+    "play": """Play a sequence: gestures and hops one after the other, in one run.
+
+A sequence is a text file that names gestures and controllers in turn. Torque stays on from the first to the last.""",
     "stop": """Turn every servo's torque off and clear its watchdog: releases a lamp that is frozen.
 
 Hold the lamp: it sinks. --force first ends the program that uses the port. Exit code 0: every servo confirmed; 1: some
@@ -81,7 +88,7 @@ of the lamp moves in real time behind them. The lamp starts upright; each joint 
 is first turned on. docs/emulator.md says what is modelled.""",
 }
 for _order, (_verb, _help) in enumerate(_VERBS.items()):
-    _function = {"log": "app", "calibrate": "app", "setup": "app"}.get(
+    _function = {"log": "app", "calibrate": "app", "setup": "app", "gesture": "app"}.get(
         _verb, _verb.replace("-", "_")
     )  # these have verbs of their own
     app.command(f"robolamp.cli.{_verb.replace('-', '_')}:{_function}", name=_verb, help=_help, sort_key=_order)

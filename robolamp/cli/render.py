@@ -9,15 +9,16 @@ import numpy as np
 from cyclopts import Parameter
 from numpy.typing import NDArray
 
+from robolamp.assets import bare_name
 from robolamp.cli.controller_stage import Stage, stage_of
 from robolamp.cli.options import GOAL_TIME, Setup, length, seconds
 from robolamp.cli.pole_options import pole_of
 from robolamp.cli.screen.output import print_json
 from robolamp.errors import RobolampError
-from robolamp.files import suffix_of, write_atomic
+from robolamp.files import kind_of, read_toml, suffix_of, write_atomic
 from robolamp.twin.figure_model import FigureTwin, Twin
 from robolamp.twin.lamp_model import TwinModel
-from robolamp.twin.pictures.moments import caption, centimetres, moments
+from robolamp.twin.pictures.moments import Moment, caption, centimetres, moments
 from robolamp.twin.pictures.render import animation, beside, png, strips
 from robolamp.twin.pictures.video import encoders, gif, mp4
 
@@ -28,6 +29,7 @@ _FIGURES = "figures other than the lamp"
 _POSES = 8  # of a strip
 _FRAME = 0.04  # time between the pictures of an animation [s]
 _ANIMATIONS = {".gif": gif, ".mp4": mp4}
+_LATE = 0.06  # how much later than its goals the lamp is at a key frame [s]: measured on the twin, 0.02 to 0.08
 _AFTER = 0.5  # how much of the rest after the motion is shown [s]
 
 
@@ -49,10 +51,10 @@ def render(
     opengl: bool = True,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
-    """Draw a controller at work on the twin, or the lamp as its log tells of it.
+    """Draw a controller at work or a gesture on the twin, or the lamp as its log tells of it.
 
     Args:
-        run: A controller (file or shipped name), or a log (.mcap).
+        run: A controller or a gesture (file or shipped name), or a log (.mcap).
         output: The picture: .png for a strip of poses, .gif or .mp4 for an animation in real time; .mp4 needs
             `pip install 'robolamp[video]'`.
         goal: How far a controller is sent, as 0.30 (metres, the default) or 30cm; a log has its own. For a figure other
@@ -80,8 +82,17 @@ def render(
     lamp_alone = {
         "--goal-time": goal_time, "--pole": pole, "--pole-at": pole_at, "--calibration": calibration != "nominal",
     }  # fmt: skip
-    plane = False
-    if suffix_of(Path(run)) == ".mcap":
+    plane, keys = False, None
+    if played := _gesture(setup, run):
+        for option, value in (
+            ("--goal", goal), ("--duration", duration), ("--goal-time", goal_time), ("--pole", limbo), ("--task", task),
+            ("--twin", twin or None), ("--truth", truth),
+        ):  # fmt: skip
+            if value is not None:
+                raise RobolampError(f"is not for a gesture; {run} is one", option)
+        model, time, motions, keys = _played(setup, played)
+        point = None
+    elif suffix_of(Path(run)) == ".mcap":
         for option, value, alone in (("--pole", limbo, "a controller; no log has a pole"), ("--task", task, _FIGURES)):
             if value is not None:
                 raise RobolampError(f"is for {alone}", option)
@@ -92,15 +103,15 @@ def render(
         stage = stage_of(setup, run, task, lamp_alone, goal_time=goal_time, pole=limbo)
         model, time, motions, point = _staged(stage, goal, duration)
         plane = stage.task is not None
-    shown = _moving(time, np.hstack(list(motions.values())))
+    shown = np.ones(len(time), bool) if keys else _moving(time, np.hstack(list(motions.values())))
     time, motions = time[shown] - time[shown][0], {name: poses[shown] for name, poses in motions.items()}
     travel = _travel(next(iter(motions.values())), plane)
     if suffix_of(output) == ".png":
         first = next(iter(motions.values()))
-        chosen = moments(model, time, lambda index: first[index], _POSES)
+        chosen = keys or moments(model, time, lambda index: first[index], _POSES)
         picked = [moment.at for moment in chosen]
         drawn, notes = {name: poses[picked] for name, poses in motions.items()}, None
-        labels = [caption(time[at], name, travel[at]) for at, name in chosen]
+        labels = [caption(time[at], name, None if keys else travel[at]) for at, name in chosen]
         if twin:  # the two are not at one place
             labels = [caption(time[at], name) for at, name in chosen]
             ways = {name: _travel(poses, False) for name, poses in motions.items()}
@@ -120,6 +131,36 @@ def render(
     else:
         print(output)
     return 0
+
+
+def _gesture(setup: Setup, run: str) -> Path | None:
+    """Return the file of a gesture; None where it is something else."""
+    from robolamp.pose.gesture_file import all_gestures
+
+    path, bare = Path(run), bare_name(run)
+    if kind_of(path) == "file":
+        return path if suffix_of(path) == ".toml" and "frame" in read_toml(path) else None
+    return next((item for item in all_gestures(setup.assets) if item.stem == bare), None)
+
+
+def _played(setup: Setup, path: Path) -> tuple[TwinModel, Array, dict[str, Array], list[Moment]]:
+    """Return a gesture as the twin plays it, as positions, and the moments at which it has come to a key frame."""
+    from robolamp.pose.gesture import PERIOD, check_slew
+    from robolamp.pose.gesture_file import load_gesture
+    from robolamp.twin.lamp_model import build
+    from robolamp.twin.standing import stand
+
+    gesture = load_gesture(path, setup.lamp)
+    check_slew(gesture, setup.lamp)
+    twin = build(setup.lamp, setup.calibration, setup.assets)
+    standing = stand(twin, gesture.motion().samples(), PERIOD)
+    moving = [frame.time for frame in gesture.frames if not np.isnan(frame.pose).all()]
+    times = (np.array([0.0, *moving]) + _LATE) / gesture.speed
+    if len(times) > _POSES:
+        times = times[np.linspace(0, len(times) - 1, _POSES).round().astype(int)]
+    last = len(standing.time) - 1
+    ticks = np.minimum(np.rint(times / PERIOD).astype(int), last)
+    return twin, standing.time, {"": standing.qpos}, [Moment(int(tick), "") for tick in np.unique(ticks)]
 
 
 def _staged(
