@@ -57,7 +57,7 @@ def check(
     lamp: Path | None = None,
     as_json: Json = False,
 ) -> int:
-    """Try a gesture on the twin, the MuJoCo model of the lamp: can the lamp play it where it stands?
+    """Try on the twin, the MuJoCo model of the lamp, whether the lamp can play a gesture where it stands.
 
     It must keep the joints inside their limits and below their slew limits, keep the lamp's balance, keep its links
     apart, and not strain the servos. Exit code 0: it does; 2: it does not, and a line names the moment and the joint.
@@ -133,12 +133,13 @@ def play(
 
     from robolamp.cli.run.gesture_check import check_gesture
     from robolamp.cli.run.played import Player
+    from robolamp.pose.gesture import PERIOD
 
     player = Player(
         setup, calibration, lamp, port, foot_port, stage, after, force, fix, reality, lockstep, browse, output, as_json
     )
     check_gesture(found, setup)
-    return player.play(found, found.goal, found.duration)
+    return player.play(found, found.goal, found.duration + PERIOD)  # the last goal is its last pose
 
 
 @app.command

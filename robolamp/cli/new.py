@@ -13,6 +13,7 @@ from robolamp.assets import Assets
 from robolamp.cli.screen.output import print_json
 from robolamp.errors import FileError
 from robolamp.lamp import load_lamp
+from robolamp.pose.gesture_file import all_gestures
 
 _README = """\
 # A lamp of my own
@@ -23,6 +24,9 @@ do not change, and it follows robolamp.
 | file | what to change there |
 | --- | --- |
 {rows}
+
+The gestures in sim/lamp/gestures are there to be changed, too, and yours go beside them: `robolamp gesture list --lamp
+{name}` lists them all.
 
 Parts of other lengths: change `hardware/cad/shape.toml`, then `python {name}/hardware/cad/build.py` writes the parts to
 print, sim/lamp/lamp.xml, and limits that the stops ask for (it needs `pip install 'robolamp[cad]'`).
@@ -51,6 +55,7 @@ def _files(assets: Assets) -> dict[str, str]:
         scene: "what stands on the desk",
         str(model): "the lamp's links: lengths, masses, shapes",
         **{str(model.parent / "meshes" / path.name): "" for path in meshes},
+        **{str(path.relative_to(path.parents[3])): "" for path in all_gestures(assets)},
         "calibration/nominal.toml": "the twin's numbers, as long as nothing is measured",
         "sim/tasks/hop.toml": "what to evolve",
     }

@@ -75,7 +75,7 @@ def simplify(name: str, time: Array, angle: Array, lamp: Lamp, tolerance: float,
     kept = slice(max(begin - 1, 0), min(end + 1, len(time)))
     time, angle = time[kept] - time[kept][0], angle[kept]
     ways = _ways(time, angle)
-    keys = _fewest(ways, len(time), tolerance, most - 1)
+    keys = _fewest(ways, len(time), tolerance, most)
     lead = max(_SHORTEST, APPROACH * float(np.abs(angle[0]).max()))
     frames = [Frame(round(lead, _DIGITS), angle[0].round(_DIGITS), MINIMUM_JERK)]
     for one, other in itertools.pairwise(keys):

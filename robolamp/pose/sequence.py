@@ -95,8 +95,8 @@ class Sequence:
         return parts
 
     def ticks(self, part: Gesture | Hop) -> int:
-        """Return how many ticks a part takes."""
-        return math.ceil(part.duration / self.period - 1e-9)
+        """Return how many ticks a part takes; the last one is at its end."""
+        return math.ceil(part.duration / self.period - 1e-9) + 1
 
     @property
     def duration(self) -> float:

@@ -96,6 +96,8 @@ class Drive:
         stage: How far it may go; None: all the way, and the log names no stage.
         fix: Whether settings of the servos that are wrong are mended first.
         resume: Whether the run goes on after the servo port was unplugged and came back.
+        clamped: Whether the base is clamped, or a hand is at the lamp, so that the foot sensor is not asked whether to
+            go on.
         phases: How many ticks there were so far, by phase.
         watch: What was seen of the run in real time.
         host: How late this computer was in it, and what came of that.
@@ -111,6 +113,7 @@ class Drive:
     stage: Stage | None = None
     fix: bool = False
     resume: bool = False
+    clamped: bool = False
     phases: Counter[str] = field(default_factory=Counter)
     watch: Watch = field(default_factory=Watch)
     host: Host = field(default_factory=Host)
@@ -195,6 +198,7 @@ def drive(plan: Drive, ports: Connection, stop: StopRequest, quiet: bool) -> Run
     return record_run(
         backend, pilot, lamp, RunLog(plan.log, context, ports.epoch), duration=plan.duration, stop=stop,
         inspected=robot, audience=audience, powered=stage.powered, reconnect=robot.reconnect if plan.resume else None,
+        clamped=plan.clamped,
     )  # fmt: skip
 
 

@@ -78,7 +78,7 @@ def recorded(
     """
     reached = ports if isinstance(ports, Connection) else Connection.real(*ports, MonotonicClock())
     stage = SOFT if soft else BY_HAND
-    plan = Drive(setup, Hand(BAND if soft else 0.0), math.nan, seconds, "lamp", log, stage=stage)
+    plan = Drive(setup, Hand(BAND if soft else 0.0), math.nan, seconds, "lamp", log, stage=stage, clamped=True)
     with tidying(plan), StopRequest() as stop:
         result = drive(plan, reached, stop, quiet)
     if result.ended not in ("finished", "stopped") or not plan.phases["run"]:
