@@ -19,7 +19,7 @@ from rich.text import Text
 
 from robolamp.cli.run.drive import Drive
 from robolamp.cli.screen.output import print_json
-from robolamp.compare.align import JointError, Trace, compare_joint
+from robolamp.compare.align import MAX_LAG, JointError, Trace, compare_joint
 from robolamp.compare.task_verdict import NOT_DONE
 from robolamp.compare.tolerances import Tolerances
 from robolamp.errors import RobolampError, on_one_line
@@ -221,17 +221,19 @@ def followed(plan: Drive, failures: list[Failure]) -> Followed:
     joints = reported(lambda: _followed(plan), failures, plan.log)
     if joints is None:
         return Followed({}, "")
+    lags = {joint.name: joint.lag if joint.lag < MAX_LAG else math.nan for joint in joints}  # longer is none, but sag
     facts = [
         {
             "name": joint.name,
-            "lag_ms": joint.lag * 1e3,
+            "lag_ms": lags[joint.name] * 1e3,
             "mae_mrad": {"before": joint.before.mae * 1e3, "after": joint.after.mae * 1e3},
         }
         for joint in joints
     ]
     said = ", ".join(
         f"{joint.name} {joint.before.mae * 1e3:.0f} mrad"
-        + (f" ({joint.after.mae * 1e3:.0f} with {joint.lag * 1e3:.0f} ms of lag removed)" * math.isfinite(joint.lag))
+        + f" ({joint.after.mae * 1e3:.0f} with a lag of {joint.lag * 1e3:.0f} ms removed)"
+        * math.isfinite(lags[joint.name])
         for joint in joints
     )
     return Followed({"planned": facts}, f"Off the planned motion, on the average: {said}.\n")

@@ -11,7 +11,7 @@ from robolamp.cli.options import Setup
 from robolamp.cli.run.drive import Drive, drive
 from robolamp.cli.run.outcome import ended, tidying
 from robolamp.cli.run.stages import BY_HAND, SOFT
-from robolamp.errors import SafetyError
+from robolamp.errors import RobolampError, SafetyError
 from robolamp.lamp import Lamp
 from robolamp.log.reader import read_run
 from robolamp.pose.hand_pilot import BAND, HandPilot
@@ -79,10 +79,14 @@ def recorded(
     reached = ports if isinstance(ports, Connection) else Connection.real(*ports, MonotonicClock())
     stage = SOFT if soft else BY_HAND
     plan = Drive(setup, Hand(BAND if soft else 0.0), math.nan, seconds, "lamp", log, stage=stage, clamped=True)
-    with tidying(plan), StopRequest() as stop:
-        result = drive(plan, reached, stop, quiet)
-    if result.ended not in ("finished", "stopped") or not plan.phases["run"]:
-        raise SafetyError(f"{ended(result)}; nothing is recorded", str(log))
-    run = read_run(log)
-    rows = run.phase == "run"
-    return simplify(name, run.measured_at[rows], run.angle[rows], setup.lamp, tolerance, frames)
+    try:
+        with tidying(plan), StopRequest() as stop:
+            result = drive(plan, reached, stop, quiet)
+        if result.ended not in ("finished", "stopped") or not plan.phases["run"]:
+            raise SafetyError(f"{ended(result)}; nothing is recorded", name)
+        run = read_run(log)
+        rows = run.phase == "run"
+        return simplify(name, run.measured_at[rows], run.angle[rows], setup.lamp, tolerance, frames)
+    except RobolampError:
+        log.unlink(missing_ok=True)  # it would be in the way of the next try
+        raise
