@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from robolamp.controller.goal_pilot import GoalPilot
 from robolamp.controller.pilot import Pilot, PilotStep
 from robolamp.ease import MINIMUM_JERK
 from robolamp.errors import FileError
-from robolamp.files import Table, read_text, read_toml
+from robolamp.files import Table, kind_of, read_text, read_toml
 from robolamp.lamp import Lamp
 from robolamp.pose.gesture import LONGEST, MOST_LOOPS, PERIOD, QUICKEST, SLOWEST, Frame, Gesture, altered, check_length
 from robolamp.pose.gesture_file import find_gesture, legal_name, load_gesture
@@ -224,7 +225,7 @@ def load_sequence(name: str, lamp: Lamp, assets: Assets) -> Sequence:
     root = Table(read_toml(path), where)
     root.integer("schema", 1, 1)
     title = legal_name(root)
-    acts = tuple(_act(table, lamp, assets) for table in root.tables("act"))
+    acts = tuple(_act(table, path.parent, lamp, assets) for table in root.tables("act"))
     root.done()
     periods = {act.controller.control_period for act in acts if isinstance(act, Hop)}
     if len(periods) > 1:
@@ -235,7 +236,13 @@ def load_sequence(name: str, lamp: Lamp, assets: Assets) -> Sequence:
     return sequence
 
 
-def _act(table: Table, lamp: Lamp, assets: Assets) -> Gesture | Hop:
+def _beside(name: str, folder: Path) -> str:
+    """Return the file of that name that is beside the sequence; the name itself where there is none."""
+    beside = folder / name
+    return str(beside) if kind_of(beside) == "file" else name
+
+
+def _act(table: Table, folder: Path, lamp: Lamp, assets: Assets) -> Gesture | Hop:
     kinds = [kind for kind in ("gesture", "controller", "pause") if kind in table]
     if len(kinds) != 1:
         found = " and ".join(kinds) or "none"
@@ -247,9 +254,10 @@ def _act(table: Table, lamp: Lamp, assets: Assets) -> Gesture | Hop:
     elif kinds == ["gesture"]:
         speed = table.number("speed", SLOWEST, QUICKEST, default=None)
         loops = table.integer("loops", 1, MOST_LOOPS, default=None)
-        act = altered(load_gesture(find_gesture(table.text("gesture"), assets), lamp), speed, loops)
+        path = find_gesture(_beside(table.text("gesture"), folder), assets)
+        act = altered(load_gesture(path, lamp), speed, loops)
     else:
-        path = assets.named(table.text("controller"), "sim/lamp/controllers", "controller")
+        path = assets.named(_beside(table.text("controller"), folder), "sim/lamp/controllers", "controller")
         act = Hop(
             load_controller(path, lamp, on_board=True),
             table.number("goal", 0.001, _FURTHEST, "m"),

@@ -133,6 +133,13 @@ def test_a_sequence_is_one_run(here: Path) -> None:
     assert "for a goal of 6.0 cm" in found.task.why[0]
 
 
+def test_a_sequence_finds_what_is_beside_it(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (here / "elsewhere").mkdir()
+    monkeypatch.chdir(here / "elsewhere")
+    acts = load_sequence("../scene.toml", SETUP.lamp, SETUP.assets).acts
+    assert [getattr(act, "name", "hop") for act in acts] == ["shrug", "hop", "pause", "shrug"]
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

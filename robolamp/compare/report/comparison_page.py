@@ -27,6 +27,7 @@ from robolamp.compare.task_verdict import cm as _cm
 from robolamp.compare.trajectory import Base
 from robolamp.compare.twin_verdict import CANNOT_SAY, INSIDE
 from robolamp.files import write_atomic
+from robolamp.log.run_context import PLAYED
 from robolamp.palette import css
 from robolamp.twin.pictures.moments import caption, moments
 from robolamp.twin.pictures.render import Picture, qpos_of, strip
@@ -478,6 +479,7 @@ def _sources(comparison: Comparison) -> str:
     context = comparison.run.context
     texts = [
         ("Controller file", context.get("controller", "")),
+        *((f"{kind.capitalize()} file", context.get(kind, "")) for kind in PLAYED),
         ("Lamp description", context.get("lamp", "")),
         ("Calibration of the twin", comparison.calibration.source),
     ]
