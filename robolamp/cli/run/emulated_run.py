@@ -14,6 +14,7 @@ from rich.console import Console
 from robolamp.cli.options import Setup
 from robolamp.cli.run.drive import Act, Drive, drive, run_folder
 from robolamp.cli.run.emulator_process import EmulatorProcess
+from robolamp.cli.run.followed import followed
 from robolamp.cli.run.lockstep import LockstepLamp
 from robolamp.cli.run.outcome import (
     Failure,
@@ -23,7 +24,6 @@ from robolamp.cli.run.outcome import (
     concluded,
     ended,
     facts,
-    followed,
     noted,
     reported,
     tell,

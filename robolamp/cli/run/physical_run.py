@@ -10,6 +10,7 @@ from pathlib import Path
 
 from robolamp.cli.options import Setup
 from robolamp.cli.run.drive import Act, Drive, drive, run_folder
+from robolamp.cli.run.followed import followed
 from robolamp.cli.run.outcome import (
     Failure,
     account,
@@ -18,7 +19,6 @@ from robolamp.cli.run.outcome import (
     concluded,
     ended,
     facts,
-    followed,
     noted,
     reported,
     tell,
