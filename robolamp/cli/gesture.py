@@ -42,7 +42,7 @@ def list_(*, lamp: Path | None = None, as_json: Json = False) -> int:
     for _, gesture in rows:
         frames = counted(len(gesture.frames), "frame")
         print(f"{gesture.name:<12} {gesture.duration:5.1f} s  {frames:<10} {gesture.says}")
-    print("\nSee one move: robolamp gesture play curious")
+    print("\nSee one move: robolamp gesture play curious --open")
     return 0
 
 
