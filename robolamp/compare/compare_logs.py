@@ -20,7 +20,8 @@ from robolamp.compare.comparison import Comparison
 from robolamp.compare.controller_alone import alone_of
 from robolamp.compare.controller_replay import replay_controller
 from robolamp.compare.divergence import parting, plain, residuals, spectrum
-from robolamp.compare.goal_replay import Replay, replay
+from robolamp.compare.ensemble import Spread, between, nearest, starts
+from robolamp.compare.goal_replay import Replay, replays
 from robolamp.compare.landing import Landing, landing_of
 from robolamp.compare.pauses import origin
 from robolamp.compare.report.comparison_page import write_report
@@ -73,10 +74,12 @@ def compare_log(
     run = read_run(log)
     true = None if truth is None else read_truth(truth)
     lamp = load_lamp(assets)
-    twin = replay(run, lamp, calibration, assets)
+    twins = replays(run, lamp, calibration, assets, starts)
+    ours, landing = seen(run, true, landed, lamp)
+    place, spread = nearest(run, lamp, ours, twins, allowed)
     comparison = _lay_over(
-        run, twin, lamp, *seen(run, true, landed, lamp), of_replay(run, twin), None, calibration, assets, allowed,
-        report, twin_log,
+        run, twins[place], lamp, ours, landing, of_replay(run, twins[place]), spread, None, calibration, assets,
+        allowed, report, twin_log,
     )  # fmt: skip
     account = explain(Evidence(run, lamp, calibration, assets), lamp) if diagnosis else NOT_ASKED
     found = diagnose(run, account, comparison.joints, calibration, lamp, truth=true)
@@ -121,7 +124,7 @@ def compare_logs(
     _same_task(run, held)
     lamp = load_lamp(assets)
     true = [None if truth is None else read_truth(truth) for truth in truths]
-    twin = replay(run, lamp, calibration, assets)
+    twins = replays(run, lamp, calibration, assets, starts)
     names = called(run, held)
     ours, landing = seen(run, true[0], None, lamp, names[0])
     other = of_run(held, true[1], names[1])
@@ -130,7 +133,10 @@ def compare_logs(
     end = float(held.scheduled[rows][-1]) - origin(held) + held.control_period
     other = dataclasses.replace(other, angle=np.where(other.time <= end, other.angle, np.nan))
     other = other.on_clock_of(run, held)
-    comparison = _lay_over(run, twin, lamp, ours, landing, other, held, calibration, assets, allowed, report, None)
+    spread = between(run, lamp, twins, allowed)
+    comparison = _lay_over(
+        run, twins[0], lamp, ours, landing, other, spread, held, calibration, assets, allowed, report, None
+    )
     account = NOT_ASKED
     if diagnosis:
         both = Evidence(run, lamp, calibration, assets), Evidence(held, lamp, calibration, assets)
@@ -185,6 +191,7 @@ def _lay_over(
     ours: Side,
     landing: Landing,
     other: Side,
+    spread: Spread,
     reference: Run | None,
     calibration: Calibration,
     assets: Assets,
@@ -219,7 +226,8 @@ def _lay_over(
         calibration=calibration,
         tolerances=allowed,
         task=task_of(run, lamp, ending, landing, alone, allowed.goal),
-        judged=verdict_of(run, endings, joints, found, ours, other, allowed, reference),
+        judged=verdict_of(run, endings, joints, found, ours, other, allowed, spread, reference),
+        spread=spread,
         alone=alone,
         landing=landing,
         diagnosis=(),

@@ -15,6 +15,7 @@ from robolamp.compare.causes.words import Finding
 from robolamp.compare.controller_alone import Alone
 from robolamp.compare.controller_replay import ControlReplay
 from robolamp.compare.divergence import BANDS, Parting, Plain, Spectrum
+from robolamp.compare.ensemble import Spread
 from robolamp.compare.goal_replay import Replay
 from robolamp.compare.landing import Landing
 from robolamp.compare.sensed_flights import Hop
@@ -46,6 +47,7 @@ class Comparison:
         tolerances: What was allowed.
         task: Whether the lamp did its task.
         judged: Whether the reference explains it.
+        spread: How far replays that start a hair apart are from each other.
         alone: What its controller does alone on the twin; this is not the replay.
         landing: Where it landed, as far as known.
         diagnosis: Probable causes, the strongest first.
@@ -69,6 +71,7 @@ class Comparison:
     tolerances: Tolerances
     task: Task
     judged: Verdict
+    spread: Spread
     alone: Alone
     landing: Landing
     diagnosis: tuple[Finding, ...]
@@ -106,6 +109,8 @@ class Comparison:
             "verdict_why": list(self.judged.why),
             "hops_flown": self.landing.flown,
             "twin_alone_m": alone.travel,
+            "twin_alone_least_m": alone.least,
+            "twin_alone_most_m": alone.most,
             "twin_alone_hops": None if alone.why else alone.hops,
             "twin_alone_fell": None if alone.why else alone.fell,
         }
@@ -126,6 +131,7 @@ class Comparison:
             "travel_m": self.lamp.travel,
             f"{self.who}_travel_m": self.other.travel,
             "foot_force_mae_n": self.plain.force,
+            "horizon_s": self.spread.horizon,
             "parted_s": self.parting.time,
             "parted_first_s": self.parting.first,
             "together_again_s": self.parting.last,

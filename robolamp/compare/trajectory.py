@@ -167,7 +167,7 @@ def of_replay(run: Run, replay: Replay) -> Side:
         force=np.array([each.foot_force for each in seen]),
         tick=np.array([each.time for each in seen]) - zero,
         hops=replay.ticks[-1].hops,
-        fell=bool(replay.outcome.fallen[0]),
+        fell=replay.fell,
         travel=float(end - begin),
         base=Base(time, replay.base_x - begin, replay.base_z, replay.pitch, replay.angle),
     )

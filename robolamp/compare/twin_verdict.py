@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robolamp.compare.align import MIN_SAMPLES, STILL, JointError
+from robolamp.compare.ensemble import Apart, Spread
 from robolamp.compare.pauses import origin, pauses, silent
 from robolamp.compare.run_ending import EARLY_ENDS, Ending
 from robolamp.compare.sensed_flights import Hop
@@ -61,12 +62,13 @@ def verdict_of(
     lamp: Side,
     other: Side,
     allowed: Tolerances,
+    spread: Spread | None = None,
     reference: Run | None = None,
 ) -> Verdict:
     """Return whether the reference (twin or other run) explains what the lamp did.
 
     With the twin as reference, an unmeasured travel makes it "cannot say". Of two logs, travel counts only where both
-    are known.
+    are known. What is outside, but no further apart than replays that start a hair apart, makes it "cannot say".
 
     Args:
         run: The lamp's log.
@@ -76,17 +78,23 @@ def verdict_of(
         lamp: What the lamp did.
         other: Its reference: what the twin or the other lamp did.
         allowed: The tolerances.
+        spread: How far replays that start a hair apart are from each other; None: not at all.
         reference: The other one's log, where two logs are compared.
     """
     rows = compared(run) & ~silent(run)  # a port that was away for a while is no reading that went missing
     missing = np.count_nonzero(~np.isfinite(run.angle[rows]), axis=0).tolist()
-    exceeded = [
-        *_fell(lamp, other), *_joints(joints, allowed), *_hops(hops, allowed, lamp, other),
-        *_travel(lamp, other, allowed), *_gaps(run, allowed),
+    alike = spread.apart if spread else Apart(np.zeros(len(joints)), 0.0, 0.0, 0)
+    apart = [
+        *_joints(joints, allowed, alike), *_hops(hops, allowed, lamp, other, alike),
+        *_travel(lamp, other, allowed, alike),
     ]  # fmt: skip
+    exceeded = [*_fell(lamp, other), *(each.text for each in apart if not each.alike), *_gaps(run, allowed)]
     if reference:
         exceeded += [f"{other.name}: {text}" for text in _gaps(reference, allowed)]
-    unknown = [*_ended(endings, other), *_unknown(run, joints, missing, lamp, other, rows)]
+    chance = [
+        f"{each.text}; replays that start a hair apart differ by up to {each.alike}" for each in apart if each.alike
+    ]
+    unknown = [*_ended(endings, other), *chance, *_unknown(run, joints, missing, lamp, other, rows)]
     if len(endings) == 1 and not math.isfinite(lamp.travel - other.travel):
         unknown.append("travel unknown: nothing measured how far the lamp came")
     return Verdict(tuple(exceeded), tuple(unknown), driven=endings[0].drove > 0.0)
@@ -100,35 +108,48 @@ def _fell(lamp: Side, other: Side) -> Iterator[str]:
         yield f"the {fell.name} fell" + ("" if stood.fell is None else f", the {stood.name} did not")
 
 
-def _joints(joints: Sequence[JointError], allowed: Tolerances) -> Iterator[str]:
-    for joint in joints:
+@dataclass(frozen=True)
+class _Excess:
+    """A difference that is larger than allowed: what it is, and how far replays differ in it if they do as much."""
+
+    text: str
+    alike: str = ""
+
+
+def _joints(joints: Sequence[JointError], allowed: Tolerances, alike: Apart) -> Iterator[_Excess]:
+    for joint, replays in zip(joints, alike.mae.tolist(), strict=True):
         if joint.after.mae > allowed.joint_mae:
-            yield (
+            yield _Excess(
                 f"{joint.name}: MAE {joint.after.mae * 1e3:.1f} mrad with the lag removed, "
-                f"allowed {allowed.joint_mae * 1e3:.1f} mrad"
+                f"allowed {allowed.joint_mae * 1e3:.1f} mrad",
+                f"{replays * 1e3:.1f} mrad" if joint.after.mae <= replays else "",
             )
         if abs(joint.lag) > allowed.lag:
-            yield f"{joint.name}: lag {joint.lag * 1e3:+.1f} ms, allowed {allowed.lag * 1e3:.1f} ms"
+            yield _Excess(f"{joint.name}: lag {joint.lag * 1e3:+.1f} ms, allowed {allowed.lag * 1e3:.1f} ms")
 
 
-def _hops(hops: Sequence[Hop], allowed: Tolerances, lamp: Side, other: Side) -> Iterator[str]:
+def _hops(hops: Sequence[Hop], allowed: Tolerances, lamp: Side, other: Side, alike: Apart) -> Iterator[_Excess]:
+    single = sum(hop.lamp is None or hop.twin is None for hop in hops)
+    often = f"{alike.single} hop{'s' * (alike.single != 1)}" if single <= alike.single else ""
     for number, hop in enumerate(hops, start=1):
         if hop.lamp is None or hop.twin is None:
-            yield f"hop {number}: only on the {other.name if hop.lamp is None else lamp.name}"
+            yield _Excess(f"hop {number}: only on the {other.name if hop.lamp is None else lamp.name}", often)
         for word, late in (("takes off", hop.off_late), ("lands", hop.on_late)):
             if abs(late) > allowed.hop:
-                yield (
+                yield _Excess(
                     f"hop {number}: {word} {abs(late) * 1e3:.0f} ms {'late' if late > 0 else 'early'}, "
-                    f"allowed {allowed.hop * 1e3:.0f} ms"
+                    f"allowed {allowed.hop * 1e3:.0f} ms",
+                    f"{alike.late * 1e3:.0f} ms" if abs(late) <= alike.late else "",
                 )
 
 
-def _travel(lamp: Side, other: Side, allowed: Tolerances) -> Iterator[str]:
+def _travel(lamp: Side, other: Side, allowed: Tolerances, alike: Apart) -> Iterator[_Excess]:
     difference = lamp.travel - other.travel
     if abs(difference) > allowed.travel:
-        yield (
+        yield _Excess(
             f"travel: {lamp.name} {lamp.travel * 1e2:.1f} cm, {other.name} {other.travel * 1e2:.1f} cm, "
-            f"allowed difference {allowed.travel * 1e2:.1f} cm"
+            f"allowed difference {allowed.travel * 1e2:.1f} cm",
+            f"{alike.travel * 1e2:.1f} cm" if abs(difference) <= alike.travel else "",
         )
 
 

@@ -68,6 +68,11 @@ class Gears:
     dof: Indices
     table: Array
 
+    @property
+    def play(self) -> Array:
+        """Play of each, from end to end, shape (n,) [rad]."""
+        return 2.0 * self.table[:, _HALF]
+
     @classmethod
     def of(cls, model: mujoco.MjModel, joints: tuple[str, ...], play: Array, stiffness: Array) -> Gears:
         """Return those of a compiled model.

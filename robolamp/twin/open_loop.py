@@ -31,6 +31,7 @@ class Member:
         drain: By how much the supply falls as time goes [V/s].
         zero: True angle less the angle its servos report, shape (n,) [rad].
         slope: Of the desk, downhill ahead positive [rad].
+        nudge: By how much its joints begin elsewhere than told, shape (n,) [rad].
     """
 
     twin: TwinModel
@@ -39,6 +40,7 @@ class Member:
     drain: float = 0.0
     zero: Array = field(default_factory=lambda: np.zeros(0))
     slope: float = 0.0
+    nudge: Array = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -148,6 +150,7 @@ class _Share:
             pull = np.column_stack([fall * np.sin(slope), np.zeros(lanes), -fall * np.cos(slope)])
             self._batch.expand("opt.gravity")[:] = pull
         self._zero = np.array([member.zero if member.zero.size else np.zeros(n) for member in members])
+        self._nudge = np.array([member.nudge if member.nudge.size else np.zeros(n) for member in members])
         self._late = np.array([round(member.late / twin.timestep) for member in members])
         self._drain = np.array([member.drain for member in members])
         self._gain = np.array([member.twin.foot_gain for member in members])
@@ -156,7 +159,7 @@ class _Share:
         """Return the record of this share."""
         batch, twin, score, lanes = self._batch, self._twin, self._score, self._lanes
         motors, qpos = self._lamps.motors, self._lamps.qpos
-        motors.place(qpos[:, twin.qpos] + self._zero)
+        motors.place(qpos[:, twin.qpos] + self._zero + self._nudge)
         motors.forget(score.hold + self._zero)
         dt = twin.timestep
         settle, steps = round(SETTLE / dt), math.ceil((score.end - score.begin) / dt)

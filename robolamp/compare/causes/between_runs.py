@@ -54,6 +54,8 @@ def changed(now: Evidence, before: Evidence, lamp: Lamp) -> Account:
     sizes: list[float] = []
     seen, cost = base, disagreement(value, base)
     whole = max(cost, 1e-9)
+    nearest, furthest = np.sum([now.chance, before.chance], axis=0).tolist()
+    least, cost = max(GAIN, (furthest - nearest) / CORRELATED), min(cost, nearest)
     while len(picked) < 2 * MOST:
         tries = {
             key: together(value, base, seen, [(columns[each], *_bounds(*each)) for each in (*picked, key)])
@@ -63,7 +65,7 @@ def changed(now: Evidence, before: Evidence, lamp: Lamp) -> Account:
         costs = {key: disagreement(value, each[1]) for key, each in tries.items()}
         key = min(costs, key=lambda each: costs[each])
         gain, share = (cost - costs[key]) / CORRELATED, (cost - costs[key]) / whole
-        if gain < GAIN or share < SHARE:
+        if gain < least or share < SHARE:
             break
         picked.append(key)
         gains.append((gain, share))

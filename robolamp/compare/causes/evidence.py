@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration
 from robolamp.compare.causes.knobs import Change
+from robolamp.compare.ensemble import starts
 from robolamp.compare.pauses import pauses, silent
 from robolamp.dynamixel.registers import RAD_PER_COUNT
 from robolamp.dynamixel.wire_time import wire_time
@@ -50,7 +51,8 @@ class Readings:
     Attributes:
         value: Readings, whitened: angles, currents, forces, voltages, the time that answers take beyond that of their
             packets, shape (K,); NaN where missing.
-        scale: What each was divided by, shape (K,).
+        scale: What each was divided by, shape (K,): what two good readings may differ by, and as much more as twins
+            that start a hair apart differ by (standard deviation).
         parts: Where each kind of reading is in `value`.
     """
 
@@ -77,6 +79,14 @@ class Evidence:
         self.readings = _readings(run, self.rows)
         self._score = _score(run, self.rows, lamp, self._base.timestep) if self.rows.size else None
         self._played: dict[str, Array] = {}
+        self._alike = np.empty((0, self.readings.value.size))
+        if self._score is not None:
+            members = [Member(self._base, nudge=each) for each in starts(self._base).nudge]
+            record = play_bank(members, self._score)
+            alike = np.array([self._read(record, lane, Change()) for lane in range(len(members))])
+            wider = np.hypot(1.0, alike.std(axis=0, ddof=1))
+            self.readings = replace(self.readings, value=self.readings.value / wider, scale=self.readings.scale * wider)
+            self._alike = alike / wider
 
     @property
     def missing(self) -> str:
@@ -98,6 +108,12 @@ class Evidence:
     def held_up(self) -> float:
         """Time that answers take beyond that of their packets, median [s]; NaN where the log does not say."""
         return float(np.median(self.run.read_done - self.run.began)) - self.run.answer_wire
+
+    @property
+    def chance(self) -> tuple[float, float]:
+        """How far the log disagrees with the nearest and the furthest of calibrated twins that start a hair apart."""
+        costs = [disagreement(self.readings.value, alike) for alike in self._alike]
+        return min(costs), max(costs)
 
     def predict(self, changes: Sequence[Change]) -> list[Array]:
         """Return what twins with these changes would have read, whitened, shape (K,) each.

@@ -101,7 +101,8 @@ def explain(evidence: Evidence, lamp: Lamp) -> Account:
 
     The first knob explains most by itself. Each that follows explains most of what those before it leave,
     all their sizes fitted together by the sensitivities found; what only looks like one of them explains nothing more,
-    and is not listed.
+    and is not listed. What the calibrated twin explains too if it starts a hair apart is no cause: a knob must explain
+    more than the nearest of such twins, by more than these differ among themselves.
 
     Args:
         evidence: The log and its bank of twins.
@@ -111,13 +112,14 @@ def explain(evidence: Evidence, lamp: Lamp) -> Account:
         return Account(missing=evidence.missing)
     every = told_by(knobs(lamp), evidence)
     value, surveyed = evidence.readings.value, survey(evidence, every)
-    base = surveyed[every[0].name][0]
+    base, (cost, furthest) = surveyed[every[0].name][0], evidence.chance
+    least = max(GAIN, (furthest - cost) / CORRELATED)
     left = {knob: best for knob in every if abs((best := _best(surveyed[knob.name])).size) >= knob.about.worth}
     slopes = {knob: (best.seen - base.seen) / best.size for knob, best in left.items()}
     picked: list[Knob] = []
     sizes: list[float] = []
     shares: list[tuple[float, float]] = []
-    seen, cost = base.seen, base.cost
+    seen = base.seen
     while left and len(picked) < MOST:
         if picked:
             tries = {
@@ -129,7 +131,7 @@ def explain(evidence: Evidence, lamp: Lamp) -> Account:
         costs = {knob: disagreement(value, each[1]) for knob, each in tries.items()}
         knob = min(costs, key=lambda each: costs[each])
         gain, share = (cost - costs[knob]) / CORRELATED, (cost - costs[knob]) / max(base.cost, 1e-9)
-        if gain < GAIN or share < SHARE:
+        if gain < least or share < SHARE:
             break
         del left[knob]
         picked.append(knob)

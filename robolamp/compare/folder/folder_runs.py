@@ -17,7 +17,8 @@ from robolamp.assets import Assets
 from robolamp.calibration import Calibration
 from robolamp.compare.compare_logs import compare_joints, seen
 from robolamp.compare.controller_alone import Alone, alone_of
-from robolamp.compare.goal_replay import replay
+from robolamp.compare.ensemble import nearest, starts
+from robolamp.compare.goal_replay import replays
 from robolamp.compare.logged_motion import truth_of
 from robolamp.compare.run_ending import ending_of
 from robolamp.compare.sensed_flights import flights, hops
@@ -240,7 +241,9 @@ def _row(
 ) -> Row:
     run = read_run(log)
     ours, landing = seen(run, truth_of(run, None), ruler, lamp)
-    other = of_replay(run, replay(run, lamp, calibration, assets))
+    twins = replays(run, lamp, calibration, assets, starts)
+    place, spread = nearest(run, lamp, ours, twins, allowed)
+    other = of_replay(run, twins[place])
     ending, all_joints = ending_of(run), compare_joints(run, ours, other)
     alone = alone_of(run, ending, lamp, calibration, assets, allowed.goal)
     found = hops(flights(ours, lamp), flights(other, lamp))
@@ -258,7 +261,7 @@ def _row(
         travel=ours.travel,
         twin_travel=other.travel,
         task=task_of(run, lamp, ending, landing, alone, allowed.goal),
-        judged=verdict_of(run, [ending], all_joints, found, ours, other, allowed),
+        judged=verdict_of(run, [ending], all_joints, found, ours, other, allowed, spread),
         alone=alone,
     )
 

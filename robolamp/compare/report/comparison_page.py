@@ -115,6 +115,8 @@ def _alone(comparison: Comparison, alone: Alone) -> tuple[str, str]:
         return "Not known", f"It could not be run: {alone.why}."
     goal = comparison.run.goal_m
     did = f"Lands at {_cm(alone.travel)} for a goal of {_cm(goal)} ({(alone.travel - goal) * 100:+.1f} cm)"
+    if _cm(alone.least) != _cm(alone.most):
+        did += f", at {_cm(alone.least)} to {_cm(alone.most)} if it starts a hair apart,"
     same = (comparison.task.word, alone.hit) == (NOT_DONE, False)
     return (
         "Fell" if alone.fell else "Done" if alone.hit else "Not done",
@@ -147,6 +149,11 @@ def sentence(comparison: Comparison) -> str:
         said += (
             f" The {comparison.lamp.name} came {_cm(comparison.lamp.travel)}, the {who} {_cm(comparison.other.travel)}"
             f" (allowed: {_cm(comparison.tolerances.travel)} apart)."
+        )
+    if math.isfinite(comparison.spread.horizon):
+        said += (
+            f" From {comparison.spread.horizon:.1f} s on the twin cannot predict the joints: replays that start a hair "
+            "apart are further from each other than that."
         )
     return said
 
