@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from robolamp.assets import Assets
 from robolamp.errors import FileError, SafetyError
 from robolamp.files import Table, parse_toml, read_text, read_toml
+from robolamp.odometer import Odometer, load_odometer
 
 SERVO_MODELS = ("XL330-M288-T", "XL330-M077-T", "XL430-W250-T")
 """Servo models that a lamp may name."""
@@ -80,6 +81,7 @@ class Lamp:
         foot_tare: What the foot sensor shows of its own accord with the foot in the air [N].
         foot_scale: Newtons a newton that the foot sensor shows beyond that.
         flight_time: Shortest time off the floor that is a flight [s]; shorter ones are rebounds.
+        odometer: Measures its hops; None: it has none.
     """
 
     name: str
@@ -97,6 +99,7 @@ class Lamp:
     foot_tare: float = 0.0
     foot_scale: float = 1.0
     flight_time: float = FLIGHT_TIME
+    odometer: Odometer | None = None
 
     @property
     def drive(self) -> str:
@@ -185,7 +188,9 @@ def load_lamp(assets: Assets) -> Lamp:
         FileError: The file is missing or malformed; the message names the key and its legal range.
     """
     path = assets.path("hardware/lamp.toml")
-    return _lamp(Table(read_toml(path), str(path)), path, read_text(path))
+    table = Table(read_toml(path), str(path))
+    name = table.text("odometer", default="")
+    return _lamp(table, path, read_text(path), load_odometer(assets.path(name)) if name else None)
 
 
 def same_lamp(lamp: Lamp, text: str) -> bool:
@@ -198,12 +203,14 @@ def same_lamp(lamp: Lamp, text: str) -> bool:
     if text == lamp.source:
         return True
     try:
-        return _lamp(Table(parse_toml(text, ""), ""), lamp.path, lamp.source) == lamp
+        table = Table(parse_toml(text, ""), "")
+        table.text("odometer", default="")  # the log holds its text, too
+        return _lamp(table, lamp.path, lamp.source, lamp.odometer) == lamp
     except FileError:
         return False
 
 
-def _lamp(root: Table, path: Path, source: str) -> Lamp:
+def _lamp(root: Table, path: Path, source: str, odometer: Odometer | None) -> Lamp:
     bus, foot, safety = root.table("bus"), root.table("foot"), root.table("safety")
     joints = tuple(_joint(table) for table in root.tables("joint"))
     for key, values in (("name", [joint.name for joint in joints]), ("id", [joint.id for joint in joints])):
@@ -226,7 +233,10 @@ def _lamp(root: Table, path: Path, source: str) -> Lamp:
         preflight_angle=safety.number("preflight_angle", 0.0, PREFLIGHT_ANGLE_MAX, "rad"),
         source=source,
         path=path,
+        odometer=odometer,
     )
+    if odometer is not None and odometer.joints != len(joints):
+        raise root.fail("odometer", f"is of {odometer.joints} joints; the lamp has {len(joints)}")
     for table in (root, bus, foot, safety):
         table.done()
     return lamp

@@ -7,6 +7,7 @@ angles in radians, 0 in the neutral pose; shapes are (n,) over the lamp's joints
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -65,6 +66,8 @@ class Observation:
         foot_age: Time since the foot force was measured [s]; infinite before the first.
         health: The servos' state.
         faults: What went wrong in this reading, one short text each, as "knee: no answer".
+        foot_mean: Mean of the floor forces that the foot sensor sampled since the last reading [N].
+        foot_contact: Share of these samples with the foot on the ground, 0 to 1.
     """
 
     time: float
@@ -76,6 +79,8 @@ class Observation:
     foot_age: float
     health: Health
     faults: tuple[str, ...] = ()
+    foot_mean: float = math.nan
+    foot_contact: float = math.nan
 
 
 @dataclass
@@ -107,6 +112,21 @@ class Interventions:
     def total(self) -> int:
         """All of them together."""
         return self.not_finite + self.limited + self.slewed
+
+
+@dataclass(frozen=True)
+class Way:
+    """How far the lamp has come by its odometer.
+
+    Attributes:
+        length: [m].
+        stderr: Its standard error [m].
+        unlike: How many steps were unlike those that the odometer was learnt from.
+    """
+
+    length: float
+    stderr: float
+    unlike: int
 
 
 class Clock(Protocol):
@@ -272,6 +292,7 @@ class Tick:
         interventions: Running totals of the envelope.
         hops: Hops counted from the foot sensor.
         contact: Whether the foot is on the ground by the foot sensor.
+        way: How far the lamp has come; None where no odometer tells.
     """
 
     index: int
@@ -287,3 +308,4 @@ class Tick:
     interventions: Interventions = field(default_factory=Interventions)
     hops: int = 0
     contact: bool = True
+    way: Way | None = None

@@ -140,7 +140,7 @@ def evolve(
                 : loaded.gp.population
             ]
             for name, seeded in zip(names, seeds, strict=False):
-                check_terminals(seeded, loaded.terminals(len(seeded.joints)), f"seed {name}")
+                check_terminals(seeded, loaded.terminals(driven_by(loaded, setup.lamp)), f"seed {name}")
             _refuse_file(output)
             board = Board(console)
             board.begin(loaded.gp.generations, tune or 0)

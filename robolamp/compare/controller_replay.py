@@ -13,10 +13,12 @@ import numpy as np
 from robolamp.compare.pauses import pauses
 from robolamp.controller.controller_file import load_controller
 from robolamp.controller.pilot import Pilot
+from robolamp.controller.terminals import FOOT_WINDOW
 from robolamp.errors import FileError, RobolampError
 from robolamp.lamp import Lamp
 from robolamp.log.reader import Run
-from robolamp.log.run_context import PLAYED
+from robolamp.log.run_context import ODOMETER, PLAYED
+from robolamp.odometer import parse_odometer
 from robolamp.signals import Health, Observation
 
 _FLIGHT_TIME_0_1_0 = 0.04  # the shortest flight that 0.1.0 counted, whose logs do not say [s]
@@ -120,6 +122,7 @@ def logged_pilot(run: Run, lamp: Lamp) -> Pilot:
         lamp,
         joints=tuple(dataclasses.replace(joint, slew=joint.slew * share) for joint in lamp.joints),
         flight_time=flight_time,
+        odometer=parse_odometer(run.context[ODOMETER], str(run.path)) if ODOMETER in run.context else None,
     )
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "controller.toml"
@@ -128,6 +131,9 @@ def logged_pilot(run: Run, lamp: Lamp) -> Pilot:
 
 
 def _observation(run: Run, row: int) -> Observation:
+    mean, contact = (
+        float(run.inputs[row, run.terminals.index(name)]) if name in run.terminals else math.nan for name in FOOT_WINDOW
+    )
     return Observation(
         time=float(run.measured_at[row]),
         angle=run.angle[row],
@@ -137,4 +143,6 @@ def _observation(run: Run, row: int) -> Observation:
         foot_force=float(run.foot_force[row]),
         foot_age=float(run.foot_age[row]),
         health=Health.unknown(len(run.joints)),
+        foot_mean=mean,
+        foot_contact=contact,
     )

@@ -13,7 +13,7 @@ import tomlkit
 from robolamp.controller.expression import Expression, parse, parse_list
 from robolamp.controller.gene import parse_gene
 from robolamp.controller.program import Program, compile_program
-from robolamp.controller.terminals import OPTIONAL, all_terminals, on_board_terminals, terminals_of
+from robolamp.controller.terminals import TWIN_ONLY, all_terminals, figure_terminals, terminals_of
 from robolamp.errors import ExpressionError, FileError
 from robolamp.figure import DRIVES, LAMP, Driven, Figure
 from robolamp.files import Table, read_text, read_toml, write_atomic
@@ -205,7 +205,7 @@ def load_controller(path: Path, driven: Driven, *, on_board: bool = False) -> Co
     figure, own = root.text("figure", default=LAMP), driven.name if isinstance(driven, Figure) else LAMP
     if figure != own:
         raise root.fail("figure", f"drives {figure!r}; expected a controller for {own!r}")
-    terminals = terminals_of(driven)
+    terminals = figure_terminals(driven) if isinstance(driven, Figure) else all_terminals(len(driven.joints))
     # `expressions = "(list ...)"`, as papers print controllers, or a table with a key for each joint.
     if "expressions" in root:
         text = root.text("expressions")
@@ -237,8 +237,8 @@ def load_controller(path: Path, driven: Driven, *, on_board: bool = False) -> Co
         raise FileError(f"terminals: unknown {unknown[0]!r}; expected some of {' '.join(terminals)}", where)
     if declared and set(declared) != set(controller.terminals):
         raise FileError(f"terminals: declares {declared}, but the expressions read {list(controller.terminals)}", where)
-    supplied = on_board_terminals(len(driven.joints)) + OPTIONAL if on_board else terminals
-    check_terminals(controller, supplied, where)
+    supplied = set(terminals_of(driven)) - (set(TWIN_ONLY) if on_board else set())
+    check_terminals(controller, [name for name in terminals if name in supplied], where)
     return controller
 
 

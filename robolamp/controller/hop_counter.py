@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.lamp import Lamp
+from robolamp.odometer import Odometer
 
 
 def shortest_flight(flight_time: float, period: float) -> float:
@@ -36,12 +37,14 @@ class SignalLimits:
         contact_on: Foot force above which the foot is on the ground [N].
         contact_off: Foot force below which it no longer is [N].
         flight_time: Shortest time without contact that is a flight [s].
+        odometer: Measures hops; None: the lamp has none.
     """
 
     period: float
     contact_on: float
     contact_off: float
     flight_time: float
+    odometer: Odometer | None = None
 
     @classmethod
     def of(cls, lamp: Lamp, period: float) -> SignalLimits:
@@ -51,7 +54,7 @@ class SignalLimits:
             lamp: The lamp.
             period: Control period [s].
         """
-        return cls(period, lamp.contact_on, lamp.contact_off, lamp.flight_time)
+        return cls(period, lamp.contact_on, lamp.contact_off, lamp.flight_time, lamp.odometer)
 
 
 class HopCounter:

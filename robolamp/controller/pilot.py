@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from robolamp.controller.controller_file import Controller, check_goal_time, check_terminals
 from robolamp.controller.envelope import Envelope
 from robolamp.controller.hop_counter import SignalLimits
-from robolamp.controller.terminals import OPTIONAL, Signals, on_board_terminals
+from robolamp.controller.terminals import FOOT_WINDOW, OPTIONAL, Signals, on_board_terminals
 from robolamp.lamp import Lamp
-from robolamp.signals import Interventions, Observation
+from robolamp.signals import Interventions, Observation, Way
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,7 @@ class PilotStep:
         hops: Hops so far, as the foot sensor tells them.
         contact: Whether the foot is on the ground.
         interventions: Running totals of the envelope.
+        way: How far the lamp has come; None: no odometer tells.
     """
 
     inputs: NDArray[np.float64]
@@ -34,6 +35,7 @@ class PilotStep:
     hops: int
     contact: bool
     interventions: Interventions
+    way: Way | None = None
 
 
 class Pilot:
@@ -52,8 +54,9 @@ class Pilot:
     def __init__(self, controller: Controller, lamp: Lamp, goal: float, goal_time: float | None = None) -> None:
         n = len(lamp.joints)
         check_goal_time(controller, goal_time)
-        self.terminals = on_board_terminals(n) if goal_time is None else on_board_terminals(n) + OPTIONAL
-        check_terminals(controller, self.terminals, controller.name)
+        known = on_board_terminals(n, odometer=lamp.odometer is not None) + (() if goal_time is None else OPTIONAL)
+        check_terminals(controller, known, controller.name)
+        self.terminals = known if lamp.odometer is None else known + FOOT_WINDOW
         self._program = controller.compile(self.terminals)
         self._limits = SignalLimits.of(lamp, controller.control_period)
         self._lamp = lamp
@@ -83,8 +86,9 @@ class Pilot:
         force = np.array([observation.foot_force])
         tick = round(time / self._limits.period)
         inputs = self._signals.update(
-            observation.angle[None], force, self._goal, elapsed=tick - self._tick, goal_time=self._goal_time
-        )[0]
+            observation.angle[None], force, self._goal, elapsed=tick - self._tick, goal_time=self._goal_time,
+            foot=(np.array([observation.foot_mean]), np.array([observation.foot_contact])),
+        )[0]  # fmt: skip
         self._tick = tick
         outputs = np.array(self._program.run(inputs.tolist()))
         goal = self._envelope.apply(outputs)
@@ -95,4 +99,5 @@ class Pilot:
             hops=int(self._signals.hops[0]),
             contact=bool(self._signals.contact[0]),
             interventions=self._envelope.interventions,
+            way=self._signals.way,
         )

@@ -131,6 +131,11 @@ class ProgramSet:
         self.starts = np.concatenate([offsets[:, None], self.ends[:, :-1]], axis=1)
         self.stack = max(program.stack for program in programs)
 
+    @property
+    def read(self) -> frozenset[str]:
+        """Names of the terminals that at least one of them reads."""
+        return frozenset(self.terminals[int(index)] for index in np.unique(self.operand[self.code == _TERMINAL]))
+
     def run(
         self, program: NDArray[np.int64], inputs: NDArray[np.float64], outputs: NDArray[np.float64]
     ) -> NDArray[np.float64]:

@@ -234,7 +234,7 @@ class Run:
         self._twin = fingerprint(lamps)
         make = evaluator or (lambda twins, period: Fleet(twins, period, workers))
         self._evaluator = make(lamps, task.control_period)
-        self._terminals = task.terminals(len(driven.joints))
+        self._terminals = task.terminals(driven)
         self._representation = represent(task, self._terminals, driven.names)
         self._trials = Trials(self._evaluator, task, self._terminals)
         self._cases = draw_cases(self._rng["drawn"], task, self._lamps)

@@ -13,11 +13,11 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from robolamp.assets import Assets
-from robolamp.controller.terminals import all_terminals, figure_terminals, on_board_terminals
+from robolamp.controller.terminals import OPTIONAL, TWIN_ONLY, all_terminals, figure_terminals, terminals_of
 from robolamp.errors import FileError, RobolampError
 from robolamp.evolve.fitness import NEEDS, terms, terms_of
 from robolamp.evolve.gep_settings import GepSettings, read_gep
-from robolamp.figure import DRIVES, LAMP, POINT, Figure, figures, load_figure
+from robolamp.figure import DRIVES, LAMP, POINT, Driven, Figure, figures, load_figure
 from robolamp.files import MOST_TOML, Table, parse_toml, read_text, shown
 from robolamp.twin.figure_model import World
 from robolamp.twin.key_poses import KeyPose
@@ -142,14 +142,18 @@ class Task:
     gp: Settings
     source: str
 
-    def terminals(self, joints: int) -> tuple[str, ...]:
-        """Return the terminals a controller for this task may read."""
+    def terminals(self, driven: Driven) -> tuple[str, ...]:
+        """Return the terminals a controller for this task may read.
+
+        Args:
+            driven: What it drives: the lamp at hand, or the figure.
+        """
         if isinstance(self.signals, tuple):
             return self.signals
         if isinstance(self.figure, Figure):
             return figure_terminals(self.figure)
-        supplied = on_board_terminals(joints) if self.signals == "on-board" else all_terminals(joints)
-        return tuple(name for name in supplied if name != "goal_time" or self.cases.goal_time)
+        left_out = {*(TWIN_ONLY if self.signals == "on-board" else ()), *(() if self.cases.goal_time else OPTIONAL)}
+        return tuple(name for name in terminals_of(driven) if name not in left_out)
 
 
 def _weights(table: Table, figure: str | Figure, present: Mapping[str, bool]) -> dict[str, float]:

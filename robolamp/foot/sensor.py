@@ -148,7 +148,11 @@ class FootSensor:
     @property
     def force(self) -> float:
         """The newest force, tared and scaled [N]; NaN before the first frame."""
-        return math.nan if self._newest is None else (self._newest.force - self._tare) * self._scale
+        return math.nan if self._newest is None else self.newtons(self._newest)
+
+    def newtons(self, frame: Frame) -> float:
+        """Return a frame's force, tared and scaled [N]."""
+        return (frame.force - self._tare) * self._scale
 
     @property
     def age(self) -> float:

@@ -16,6 +16,9 @@ from robolamp.lamp import Lamp
 SERVO_SETTINGS = "servo_settings"
 """Where the context keeps what the servos were set to once torque was on; a log of 0.1.0 has none."""
 
+ODOMETER = "odometer"
+"""Where the context keeps the text of the lamp's odometer."""
+
 PLAYED = ("gesture", "sequence")
 """Where the context keeps the text of what was played in place of a controller."""
 
@@ -72,6 +75,7 @@ def run_context(
         **({} if goal_time is None else {"goal_time_s": repr(float(goal_time))}),
         "control_period": repr(float(control_period)),
         "flight_time_s": repr(float(lamp.flight_time)),
+        **({} if lamp.odometer is None else {ODOMETER: lamp.odometer.source}),
         "versions": versions(),
         "command": shlex.join(sys.argv),
     }

@@ -8,6 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from robolamp.controller.foot_window import FootWindow
 from robolamp.dynamixel.bus import PATIENCE, SETTING_PATIENCE, Bus, Port
 from robolamp.dynamixel.registers import MODELS, VOLTAGE_UNIT, HardwareError, Name
 from robolamp.dynamixel.servo_state import ServoState
@@ -77,6 +78,7 @@ class RobotLamp:
         self._foot: FootSensor | None = None
         if foot_port is not None:
             self._foot = FootSensor(foot_port, lamp.foot_baud, clock, tare=lamp.foot_tare, scale=lamp.foot_scale)
+        self._window = FootWindow(1, lamp.contact_on, lamp.contact_off)
         self._servos: Servos | None = None
         self._measured = np.full(len(lamp.joints), -math.inf)  # when each angle last came [s]
         self._asking = wire_time("question", len(lamp.joints), lamp.bus_baud)
@@ -200,6 +202,7 @@ class RobotLamp:
             self._spoke = began
             faults = self._amiss(state, present)
         faults += self._feel() + self._damage()
+        mean, contact = self._window.take()
         now = self._clock.now()
         sign = self._frame.sign
         return Observation(
@@ -220,6 +223,8 @@ class RobotLamp:
                 np.where(state.goal_known, np.where(state.goal_lost, 0, 1), -1),
             ),
             faults=tuple(faults),
+            foot_mean=float(mean[0]),
+            foot_contact=float(contact[0]),
         )
 
     def command(self, command: Command) -> None:
@@ -305,7 +310,8 @@ class RobotLamp:
             return []
         faults: list[str] = []
         try:
-            self._foot.poll()
+            for frame in self._foot.poll():
+                self._window.add(self._foot.newtons(frame))
         except BusError as error:
             faults.append(f"foot: {error.message}")
         newest = self._foot.newest

@@ -84,7 +84,8 @@ class Fleet:
         if not jobs:
             raise ValueError("no jobs to run")
         compiled = ProgramSet(programs)
-        settings = RunSettings(compiled.terminals, self.period, duration, poses)
+        read = frozenset(compiled.terminals) if record else compiled.read
+        settings = RunSettings(compiled.terminals, self.period, duration, poses, read)
         trace = None
         if record:
             ticks, joints = round(duration / self.period), len(self._driven.joints)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from robolamp.controller.foot_window import FootWindow
 from robolamp.controller.hop_counter import SignalLimits
 from robolamp.controller.terminals import TWIN_ONLY, Signals
 from robolamp.jit import njit
@@ -118,9 +119,12 @@ class LampRuns(Runs):
         lanes, joints = self.lanes, len(twin.lamp.joints)
         self._goal = np.array([job.goal for job in jobs], np.float64)
         self._goal_time = np.array([job.goal_time for job in jobs], np.float64)
-        self._signals = Signals(lanes.count, joints, SignalLimits.of(twin.lamp, settings.period), settings.terminals)
+        limits = SignalLimits.of(twin.lamp, settings.period)
+        self._signals = Signals(lanes.count, joints, limits, settings.terminals, settings.read)
         self.inputs = self._signals.values
-        self._sees_base = bool(set(settings.terminals) & set(TWIN_ONLY))
+        felt = FootWindow(lanes.count, twin.lamp.contact_on, twin.lamp.contact_off)
+        self._felt = felt if self._signals.feels_all else None
+        self._sees_base = bool(settings.read & {*TWIN_ONLY})
         self._foot_gain = np.array([each.foot_gain for each in twins])[variant]
         noise = np.array([each.foot_noise for each in twins])
         self._foot_noise = noise[variant] if noise.any() else None
@@ -147,11 +151,19 @@ class LampRuns(Runs):
         if self._sees_base:
             base = np.column_stack([lanes.qpos[:, :3], lanes.qvel[:, :3], self._judged.goal_met])
             base[:, 0] -= self._goal
-        angle, noise = measure_angle(lanes.motors.reading), 0.0
-        if self._foot_noise is not None:
-            noise = self._foot_noise * np.array([random.standard_normal() for random in self._random])[lanes.variant]
+        angle, noise = measure_angle(lanes.motors.reading), self._noise()
         pressed = measure_force(lanes.force, self._foot_gain, noise)
-        self._signals.update(angle, pressed, self._goal, base, goal_time=self._goal_time)
+        foot = None
+        if self._felt is not None:
+            mean, contact = self._felt.take()
+            foot = mean + self._noise() / math.sqrt(self._substeps), contact
+        self._signals.update(angle, pressed, self._goal, base, goal_time=self._goal_time, foot=foot)
+
+    def _noise(self) -> Array | float:
+        """Return the noise of one reading of each foot, shape (k,) [N]."""
+        if self._foot_noise is None:
+            return 0.0
+        return self._foot_noise * np.array([random.standard_normal() for random in self._random])[self.lanes.variant]
 
     def _send(self, goals: Array) -> None:
         self._line[1:] = self._line[:-1].copy()
@@ -165,6 +177,8 @@ class LampRuns(Runs):
             _arrive(alive, self.lanes.motors.goal, self._line, self._arrival, substep, self._substeps)
 
     def _judge(self, alive: NDArray[np.int64]) -> None:
+        if self._felt is not None:
+            self._felt.add(measure_force(self.lanes.force, self._foot_gain))
         self._judged.step(alive, self.lanes.qpos, self.lanes.force, self._head, self._axis, self._pole)
 
     def _ended(self, time: float) -> NDArray[np.bool_]:

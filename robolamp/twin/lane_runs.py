@@ -44,12 +44,14 @@ class RunSettings:
         period: Control period [s].
         duration: Length of a run [s].
         poses: Poses that every lane is compared with.
+        read: Terminals that are read, or recorded.
     """
 
     terminals: tuple[str, ...]
     period: float
     duration: float
     poses: Sequence[KeyPose] = ()
+    read: frozenset[str] = frozenset()
 
 
 class Runs(ABC):

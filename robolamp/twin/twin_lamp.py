@@ -7,6 +7,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
+from robolamp.controller.foot_window import FootWindow
 from robolamp.signals import Command, Health, Observation, ServoTraits
 from robolamp.twin.judge import Judge, Outcome
 from robolamp.twin.lamp_body import Body
@@ -52,6 +53,7 @@ class TwinLamp:
         self.clock = TwinClock(self)
         self._steps = 0
         self._arrivals: deque[tuple[int, NDArray[np.float64]]] = deque()
+        self._window = FootWindow(1, twin.lamp.contact_on, twin.lamp.contact_off)
         self._torque = False
         self._one = np.zeros(1, np.int64)
         sensor = twin.pole_sensor
@@ -97,6 +99,7 @@ class TwinLamp:
                 self.body.set_goal(self._arrivals.popleft()[1])
             self.body.step()
             self._steps += 1
+            self._window.add(measure_force(np.array([self.body.force]), self.twin.foot_gain))
             data, site = self.body.data, self.twin.head_site
             self._judge.step(
                 self._one, data.qpos[None], np.array([self.body.force]),
@@ -106,6 +109,7 @@ class TwinLamp:
     def observe(self) -> Observation:
         """Read every sensor; nothing is ever missing."""
         n = len(self.joints)
+        mean, contact = self._window.take()
         health = Health(
             np.full(n, self.body.voltage), np.full(n, _NO_LOAD_TEMPERATURE), np.full(n, np.nan),
             np.full(n, int(self._torque)), np.zeros(n, np.int64),
@@ -119,6 +123,8 @@ class TwinLamp:
             foot_force=float(measure_force(np.array(self.body.force), self.twin.foot_gain)),
             foot_age=0.0,
             health=health,
+            foot_mean=float(mean[0]),
+            foot_contact=float(contact[0]),
         )
 
     def command(self, command: Command) -> None:

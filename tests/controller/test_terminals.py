@@ -12,7 +12,7 @@ from robolamp.controller.terminals import TWIN_ONLY, Signals, all_terminals, on_
 
 PERIOD = 0.02
 LIMITS = SignalLimits(PERIOD, contact_on=0.4, contact_off=0.2, flight_time=0.08)
-NAMES = on_board_terminals(3)
+NAMES = on_board_terminals(3, odometer=False)
 GOAL = np.array([0.3])
 
 
@@ -30,7 +30,8 @@ def test_the_names() -> None:
     assert NAMES == (
         "t", "a0", "a1", "a2", "w0", "w1", "w2", "s0", "contact", "air_time", "ground_time", "hops", "goal_dist",
     )  # fmt: skip
-    assert all_terminals(3) == (*NAMES, "goal_time", "px", "py", "pz", "vx", "vy", "vz", "goal_met")
+    assert on_board_terminals(3) == (*NAMES, "way", "way_left", "way_stderr")
+    assert all_terminals(3) == (*on_board_terminals(3), "goal_time", "px", "py", "pz", "vx", "vy", "vz", "goal_met")
 
 
 def test_contact_has_hysteresis() -> None:

@@ -58,7 +58,7 @@ def test_the_same_seed_gives_the_same_run_at_any_number_of_workers(tmp_path: Pat
     assert texts[0] == texts[1]
     loaded = load_controller(result.controller, LAMP)
     task = load_task(ASSETS, first / "task.toml")
-    own = represent(task, task.terminals(3), LAMP.names)
+    own = represent(task, task.terminals(LAMP), LAMP.names)
     assert own.decode(own.load(list(loaded.genome.values()), "here")) == loaded.expressions
     assert loaded.scores["fitness"] == result.best_fitness
     assert {entry["best_fitness"] >= entry["champion_fitness"] - 1e9 for entry in told(first)} == {True}
@@ -136,7 +136,7 @@ def test_every_shipped_task_takes_either_representation() -> None:
 def test_runs_of_trees_are_bred_as_before_there_were_genes() -> None:
     """The digest is of what the breeding of trees gave before it became one of two representations."""
     words = ["gp.population=40", "gp.subtree_mutation=0.1", "gp.crossover=0.6"]
-    trees = represent(load_task(ASSETS, "travel", overrides=words), on_board_terminals(3), LAMP.names)
+    trees = represent(load_task(ASSETS, "travel", overrides=words), on_board_terminals(3, odometer=False), LAMP.names)
     rng = np.random.default_rng(11)
     population, digest = trees.population(rng, 40), hashlib.sha256()
     for _ in range(5):
@@ -165,7 +165,7 @@ def test_genes_in_a_checkpoint_that_are_none_are_one_line(tmp_path: Path) -> Non
 def test_tuning_writes_genes_that_express_what_was_tuned(tmp_path: Path) -> None:
     stand = tuple(parse(text, ()) for text in ("(+ 0.5 0.25)", "(* 0.5 0.5)", "0.75"))
     task = walk(tmp_path, "gp.representation=gep", "gp.population=1", "gp.generations=1", "main.distance=0.0")
-    own = represent(task, task.terminals(3), LAMP.names)
+    own = represent(task, task.terminals(LAMP), LAMP.names)
     genotype = own.seeded(np.random.default_rng(1), stand, "stand")
     tuned = tuple(parse(text, ()) for text in ("(+ 0.01 0.02)", "(* 0.01 0.01)", "0.03"))
     assert own.decode(own.carrying(genotype, tuned)) == tuned

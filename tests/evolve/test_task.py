@@ -30,12 +30,12 @@ def test_what_a_task_says(tmp_path: Path) -> None:
     assert loaded.source == TINY
     assert loaded.main == {"distance": 1.0, "fall": 2.0}
     assert loaded.gp.depth_at_birth == (2, 4)
-    assert loaded.terminals(3) == on_board_terminals(3)
-    seen = task(tmp_path, ('"on-board"', '"all"')).terminals(3)
+    assert loaded.terminals(LAMP) == on_board_terminals(3)
+    seen = task(tmp_path, ('"on-board"', '"all"')).terminals(LAMP)
     assert seen == tuple(name for name in all_terminals(3) if name != "goal_time")
-    assert task(tmp_path, ('"on-board"', '["a0", "px"]')).terminals(3) == ("a0", "px")
+    assert task(tmp_path, ('"on-board"', '["a0", "px"]')).terminals(LAMP) == ("a0", "px")
     timed = task(tmp_path, ('"on-board"', '"all"'), ("lamps = 1", "lamps = 1\ngoal_time = [1, 3]"))
-    assert timed.terminals(3) == all_terminals(3)
+    assert timed.terminals(LAMP) == all_terminals(3)
 
 
 def test_the_tableau_of_the_paper() -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration
 from robolamp.controller.controller_file import Controller
-from robolamp.controller.terminals import all_terminals
+from robolamp.controller.terminals import terminals_of
 from robolamp.evolve.study.claims import ARRIVES, Shares
 from robolamp.evolve.study.plan import OWN_GOAL
 from robolamp.evolve.task import Task
@@ -86,7 +86,7 @@ def try_goals(
     """
     twin = build(lamp, calibration, assets, timestep=task.timestep, pole=task.pole)
     fleet = Fleet([twin], task.control_period, workers)
-    programs = [controller.compile(all_terminals(len(lamp.joints))) for controller in controllers]
+    programs = [controller.compile(terminals_of(lamp)) for controller in controllers]
     groups = [(WITHIN, task.duration)]
     if beyond:  # 60 cm in the time limit, and so on at that speed
         groups += [(BEYOND[index : index + 1], task.duration * goal / WITHIN[-1]) for index, goal in enumerate(BEYOND)]
