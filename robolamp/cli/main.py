@@ -69,6 +69,10 @@ task was not done; 1: outside, not done, or cannot say; 2: could not compare. Fo
 
 It writes the best controller to OUTPUT/controller.toml and a line for each generation to OUTPUT/progress.jsonl. However
 a run was stopped, `robolamp evolve --resume OUTPUT` continues it.""",
+    "odometer": """Learn and judge the odometer: how far each hop went, from what servos and foot sensor measure.
+
+A lamp with an odometer gives its controllers three signals: way (how far it has come), way_left and way_stderr (the
+standard error of both). sim/lamp/README.md says how it works.""",
     "study": """Run the papers' studies of their searches, draw them, and say which of their claims hold.
 
 Studies of the lamp of 1997 (Gritz & Hahn): population, generations, selection, crossover (its Figures 5 to 8), tuned,
@@ -87,10 +91,9 @@ An emulated lamp is a program that answers like the servos and the foot sensor, 
 of the lamp moves in real time behind them. The lamp starts upright; each joint is held as if by hand until its torque
 is first turned on. docs/emulator.md says what is modelled.""",
 }
+_WITH_VERBS = ("log", "calibrate", "odometer", "setup", "gesture")
 for _order, (_verb, _help) in enumerate(_VERBS.items()):
-    _function = {"log": "app", "calibrate": "app", "setup": "app", "gesture": "app"}.get(
-        _verb, _verb.replace("-", "_")
-    )  # these have verbs of their own
+    _function = "app" if _verb in _WITH_VERBS else _verb.replace("-", "_")
     app.command(f"robolamp.cli.{_verb.replace('-', '_')}:{_function}", name=_verb, help=_help, sort_key=_order)
 
 

@@ -47,6 +47,13 @@ WORK = {  # by verb: a call that is soon done, and its exit code; none of them h
     "replay": ("replay run/log.mcap -o page.html", 0),
     "render": ("render run/log.mcap -o strip.png --no-opengl", 0),
     "new": ("new mine", 0),
+    "odometer fit": ("odometer fit nobody -o odometer.toml", 2),
+    "odometer score": ("odometer score --odometer none", 2),
+    "gesture list": ("gesture list", 0),
+    "gesture check": ("gesture check nobody", 2),
+    "gesture play": ("gesture play nobody", 2),
+    "gesture record": ("gesture record wave --port none --foot-port none", 2),
+    "play": ("play nobody", 2),
     "emulate": ("emulate --ports ports", 0),
 }
 NARROW = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
