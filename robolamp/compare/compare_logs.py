@@ -23,6 +23,7 @@ from robolamp.compare.divergence import parting, plain, residuals, spectrum
 from robolamp.compare.ensemble import Spread, between, nearest, starts
 from robolamp.compare.goal_replay import Replay, replays
 from robolamp.compare.landing import Landing, landing_of
+from robolamp.compare.measured_way import measured_way
 from robolamp.compare.pauses import origin
 from robolamp.compare.report.comparison_page import write_report
 from robolamp.compare.run_ending import ending_of
@@ -230,6 +231,7 @@ def _lay_over(
         spread=spread,
         alone=alone,
         landing=landing,
+        way=measured_way(run, landing.travel),
         diagnosis=(),
         account=NOT_ASKED,
         report=report,

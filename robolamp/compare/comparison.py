@@ -18,6 +18,7 @@ from robolamp.compare.divergence import BANDS, Parting, Plain, Spectrum
 from robolamp.compare.ensemble import Spread
 from robolamp.compare.goal_replay import Replay
 from robolamp.compare.landing import Landing
+from robolamp.compare.measured_way import MeasuredWay
 from robolamp.compare.sensed_flights import Hop
 from robolamp.compare.task_verdict import NOT_DONE, Task
 from robolamp.compare.tolerances import Tolerances
@@ -50,6 +51,7 @@ class Comparison:
         spread: How far replays that start a hair apart are from each other.
         alone: What its controller does alone on the twin; this is not the replay.
         landing: Where it landed, as far as known.
+        way: How far it came by its odometer; None: it has none.
         diagnosis: Probable causes, the strongest first.
         account: How knobs explain the difference: how much they leave unexplained, or why no cause could be found.
         report: The HTML report.
@@ -74,6 +76,7 @@ class Comparison:
     spread: Spread
     alone: Alone
     landing: Landing
+    way: MeasuredWay | None
     diagnosis: tuple[Finding, ...]
     account: Account
     report: Path
@@ -108,6 +111,9 @@ class Comparison:
             "verdict": self.verdict,
             "verdict_why": list(self.judged.why),
             "hops_flown": self.landing.flown,
+            "way_m": None if self.way is None else self.way.length,
+            "way_stderr_m": None if self.way is None else self.way.stderr,
+            "way_error_m": None if self.way is None else self.way.error,
             "twin_alone_m": alone.travel,
             "twin_alone_least_m": alone.least,
             "twin_alone_most_m": alone.most,

@@ -18,7 +18,7 @@ from robolamp.runtime.health import Action, Guard
 from robolamp.runtime.result import Reporter, RunResult
 from robolamp.runtime.soft_start import first_goal, present_pose, still_held
 from robolamp.runtime.stop import StopRequest
-from robolamp.signals import Command, LampBackend, Observation, Tick
+from robolamp.signals import Command, LampBackend, Observation, Tick, Way
 
 Array = NDArray[np.float64]
 
@@ -209,6 +209,7 @@ class _Loop:
                 step = pilot.step(moment.observation, time)
                 self._result.hops, self._contact = step.hops, step.contact
                 self._result.interventions = step.interventions
+                self._measure(step.way)
                 self._close("run", moment, step.goal, step.inputs, step.outputs)
             else:
                 self._result.held_ticks += 1
@@ -418,6 +419,12 @@ class _Loop:
         self._goal = goal
         self._hand_out(phase, moment, inputs, outputs)
 
+    def _measure(self, way: Way | None) -> None:
+        before = 0 if self._result.way is None else self._result.way.unlike
+        self._result.way = way
+        if way is not None and way.unlike > before:
+            self._say("warning", f"a step unlike those that the odometer was learnt from, at {way.length * 100:.1f} cm")
+
     def _hand_out(self, phase: str, moment: _Moment, inputs: Array | None = None, outputs: Array | None = None) -> None:
         tick = Tick(
             index=self._result.ticks,
@@ -433,6 +440,7 @@ class _Loop:
             interventions=self._result.interventions,
             hops=self._result.hops,
             contact=self._contact,
+            way=self._result.way,
         )
         self._result.ticks += 1
         self._reporter.tick(tick)

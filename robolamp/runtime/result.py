@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from robolamp.signals import Interventions, Tick
+from robolamp.signals import Interventions, Tick, Way
 
 
 @dataclass
@@ -21,6 +21,7 @@ class RunResult:
         held_ticks: Ticks of the run that held the last goal because an angle was missing.
         hops: Hops counted from the foot sensor.
         interventions: Totals of the envelope.
+        way: How far the lamp came by its odometer; None: it has none.
         replugs: How often the run went on after the servos' port had gone and come back.
         paused: Time between the goings and comings of that port in which the controller did not drive [s].
         faults: How many ticks showed each fault, by its text; a log or display that failed is one, too.
@@ -34,6 +35,7 @@ class RunResult:
     held_ticks: int = 0
     hops: int = 0
     interventions: Interventions = field(default_factory=Interventions)
+    way: Way | None = None
     replugs: int = 0
     paused: float = 0.0
     faults: dict[str, int] = field(default_factory=dict)

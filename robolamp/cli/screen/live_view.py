@@ -102,5 +102,9 @@ class LiveView:
         )
         grid.add_row("joints", f"{angles} rad")
         grid.add_row("hops", f"{tick.hops}   interventions {tick.interventions.total}   faults {self._faults}")
+        if tick.way is not None:
+            grid.add_row(
+                "way", f"{tick.way.length * 100:5.1f} cm by the odometer, give or take {tick.way.stderr * 100:.1f}"
+            )
         grid.add_row("to stop", f"{self._keys} lands it softly; Ctrl-C again: torque off at once")
         return grid

@@ -23,4 +23,6 @@ def told(comparison: Comparison) -> tuple[str, str]:
         first, others = comparison.diagnosis[0], len(comparison.diagnosis) - 1
         more = f"; {counted(others, 'more cause')} in the report" if others else ""
         lines.append(f"What is different, likeliest: {first.cause} ({first.explains}){more}.")
+    if comparison.way is not None:
+        lines.append(f"Odometer: {comparison.way.text}")
     return f"{word}.", "\n".join(lines)

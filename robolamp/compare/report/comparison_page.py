@@ -370,9 +370,14 @@ def _spectra(comparison: Comparison) -> str:
 
 
 def _hops(comparison: Comparison) -> str:
+    way = (
+        ""
+        if comparison.way is None
+        else f"<p>By its odometer the {text(comparison.lamp.name)} {text(comparison.way.text)}</p>"
+    )
     if not comparison.flights:
         foot = _plot(comparison, "Foot", "force|force, N")
-        return f"<section><h2>The hops</h2><p>Neither left the floor.</p>{foot}</section>"
+        return f"<section><h2>The hops</h2>{way}<p>Neither left the floor.</p>{foot}</section>"
     allowed = comparison.tolerances.hop * 1e3
     rows = ""
     for number, hop in enumerate(comparison.flights, start=1):
@@ -394,7 +399,7 @@ def _hops(comparison: Comparison) -> str:
         f"<th>{ours}</th><th>{called}</th></tr>"
     )
     return (
-        "<section><h2>The hops</h2><p class='note'>By the foot sensor: off the floor for "
+        f"<section><h2>The hops</h2>{way}<p class='note'>By the foot sensor: off the floor for "
         f"{comparison.twin.lamp.flight_time * 1e3:g} ms or longer. The apex is "
         f"what the flight time implies, g t²/8. Allowed: {allowed:g} ms early or late.</p>"
         f"<div class='scroll'><table class='numbers'><thead>{head}</thead><tbody>{rows}</tbody></table></div>"
