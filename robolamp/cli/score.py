@@ -24,6 +24,7 @@ from robolamp.twin.random_lamps import LampLaw
 from robolamp.twin.run_outcome import RunOutcome
 
 _GOALS = "0.05:0.60:56"  # [m]
+_TIME, _SPEED = 8.0, 0.08  # of a run of the lamp [s], and its least speed to goals beyond that [m/s]
 _ROWS = 12  # of the table that a person reads; --json has every goal
 
 
@@ -65,7 +66,8 @@ def score(
     seed
         With --lamps: seed of the drawn lamps (1). For a figure other than the lamp: of the points.
     duration
-        Length of each run in seconds (5, or the time limit of a figure's task).
+        Length of each run in seconds (8, beyond 64 cm what the furthest goal takes at 8 cm/s; or the time limit of a
+        figure's task).
     goal_time
         Time to take for the way in seconds, for a controller that reads goal_time.
     pole
@@ -106,7 +108,9 @@ def score(
                 raise RobolampError("is for lamps that are drawn; give --lamps, too", option)
     jobs = stage.jobs(goals, "--goals", _GOALS, seed)
     with bar("simulating", quiet=as_json) as done:
-        outcome = stage.fleet(workers).run([stage.program], jobs, duration or stage.duration, done=done)
+        furthest = max(job.goal for job in jobs)
+        usual = max(_TIME, furthest / _SPEED) if stage.task is None else stage.duration
+        outcome = stage.fleet(workers).run([stage.program], jobs, duration or usual, done=done)
     count = len(jobs) // len(stage.twins)
     shape = (count,) if lamps is None else (lamps, count)
     if as_json:

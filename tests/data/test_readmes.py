@@ -17,7 +17,7 @@ from robolamp.compare.tolerances import load_tolerances
 from robolamp.controller.controller_file import load_controller
 from robolamp.controller.primitives import PRIMITIVES
 from robolamp.controller.program import compile_program
-from robolamp.controller.terminals import OPTIONAL, TWIN_ONLY, all_terminals, on_board_terminals
+from robolamp.controller.terminals import OPTIONAL, TWIN_ONLY, WAY, all_terminals, on_board_terminals
 from robolamp.dynamixel.registers import BAUD_CODES, MODELS, RAD_PER_COUNT
 from robolamp.errors import ExpressionError
 from robolamp.evolve.fitness import terms
@@ -149,7 +149,7 @@ def test_terminals_are_explained() -> None:
     rows = [(split(row[0]), row[3]) for row in table(CONTROLLERS, "terminal", "unit")]
     assert tuple(name for names, _ in rows for name in names) == all_terminals(3)
     for names, where in rows:
-        kinds = {"twin only": TWIN_ONLY, "optional": OPTIONAL, "yes": on_board_terminals(3)}
+        kinds = {"twin only": TWIN_ONLY, "optional": OPTIONAL, "yes": on_board_terminals(3), "with an odometer": WAY}
         assert set(names) <= set(kinds[where])
 
 
