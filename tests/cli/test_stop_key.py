@@ -50,7 +50,7 @@ class Terminal:
     def wait(self, log: Path) -> None:
         """Wait until the lamp is moving."""
         end = time.monotonic() + 200.0
-        while not (self.raw and log.exists() and log.stat().st_size > 20_000):
+        while not (self.raw and log.exists() and log.stat().st_size > 80_000):  # with ticks, behind the odometer
             assert self.process.poll() is None
             assert time.monotonic() < end
             time.sleep(0.02)
