@@ -40,7 +40,7 @@ def in_the_way(name: str) -> Callable[[Path], None]:
 @pytest.mark.parametrize(
     ("prepare", "blocks", "says"),
     [
-        (nothing, 12, "truth.mcap: the truth log ended early: File too large"),
+        (nothing, 76, "truth.mcap: the truth log ended early: File too large"),
         (nothing, 200, "report.html: cannot be written: File too large"),
         (in_the_way("report.html"), None, "report.html: cannot be written: Is a directory"),
         (in_the_way("report.twin.mcap"), None, "report.twin.mcap: cannot be written: Is a directory"),
@@ -66,7 +66,7 @@ def test_results_are_told_whatever_fails_after_the_run(
         assert (said["ticks"], said["ended"], said["verdict"], said["report"]) == (TICKS, "finished", None, None)
         assert says.endswith(said["error"]) or says in said["error"]
         assert said["where"]
-        full = blocks == 12
+        full = blocks == 76
         assert (said["landed_m"] is None, "log: File too large" in said["faults"]) == (full, full)
 
 
