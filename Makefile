@@ -16,7 +16,7 @@ hop: $(VENV)/installed  ## the shipped controller hops on the emulated lamp (GOA
 test: $(VENV)/developed lint opengl browser micropython  ## lint, types, import floors and all tests but the slow ones
 	$(BIN)/python -m pytest -m "not slow" -n auto --dist loadfile
 
-test-slow: $(VENV)/developed opengl browser  ## the tests that take more than a minute each
+test-slow: $(VENV)/developed opengl browser  ## the tests that take long
 	$(BIN)/python -m pytest -m slow
 
 # Twelve busy processes beside them; they end with the target, however it ends. Only files that have such tests are loaded.

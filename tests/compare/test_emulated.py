@@ -62,6 +62,7 @@ def test_a_log_says_how_long_answers_are_on_the_wire(straight):
     assert run.answer_wire == pytest.approx(float(np.mean(run.read_done - run.began)), abs=5e-6)
 
 
+@pytest.mark.slow
 def test_a_noisy_encoder_is_named_first_with_its_size(tmp_path):
     sizes = []
     for seed in range(1, 10):
@@ -98,6 +99,7 @@ def test_a_weak_knee_in_the_emulator_is_named_first_with_its_size(weak, tmp_path
     assert result["flights"][0]["flight_s"] == pytest.approx(result["flights"][0]["twin_flight_s"], abs=0.04)
 
 
+@pytest.mark.slow
 def test_yesterdays_lamp_against_todays_names_what_changed_whichever_is_named_first(straight, weak, tmp_path, capsys):
     code, out, _ = call(capsys, straight, weak, "--json", "-o", tmp_path / "ab.html")
     result = json.loads(out)

@@ -61,6 +61,7 @@ def test_nothing_is_wrong_with_a_lamp_that_bends_as_its_twin_does(tmp_path: Path
     assert alone["twin_alone_most_m"] - alone["twin_alone_least_m"] > 0.001
 
 
+@pytest.mark.slow
 def test_a_weak_knee_of_a_lamp_that_bends_is_named_first(tmp_path: Path) -> None:
     weak = replace(Reality.none(LAMP), strength=np.array([1.0, 0.85, 1.0]))
     first = next(cause for cause in bending_hop(tmp_path, weak).diagnosis if cause.knob)

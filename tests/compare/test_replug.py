@@ -47,6 +47,7 @@ def call(capsys, *words) -> dict:
     return {"code": caught.value.code or 0, **json.loads(out)}
 
 
+@pytest.mark.slow
 def test_the_twin_explains_a_nominal_lamp_that_was_replugged(replugged, tmp_path, capsys):
     result = call(capsys, replugged, "-o", tmp_path / "r.html")
     assert (result["code"], result["verdict"], result["exceeded"]) == (0, "inside", [])

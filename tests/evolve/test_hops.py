@@ -34,6 +34,7 @@ def again(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow
 def test_hops_are_made_again_and_shipped_only_if_they_score(tmp_path: Path) -> None:
     there = tmp_path / "small.toml"
     lines = [f'command = "{COMMAND}"', 'calibration_sha256 = "0"']

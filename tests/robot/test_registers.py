@@ -235,6 +235,7 @@ def test_what_is_written_is_right_when_torque_is_on(model: str, register: Regist
         robot.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 def test_a_run_does_not_depend_on_what_is_free(model: str, tmp_path: Path) -> None:
     free = [register for name, register in of(Seen.FREE) if name == model]
