@@ -84,7 +84,7 @@ def test_tolerances_are_read_before_the_run(tmp_path: Path) -> None:
 
 def test_a_recording_that_fails_leaves_what_was_recorded(tmp_path: Path) -> None:
     words = ("calibrate", "record", "--emulate", "--step", "steps-soft", "-o", "session", "--json")
-    done = robolamp(*words, cwd=tmp_path, blocks=40)
+    done = robolamp(*words, cwd=tmp_path, blocks=100)
     assert done.returncode == 2
     said = json.loads(done.stdout)
     (run,) = said["runs"]
