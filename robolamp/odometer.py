@@ -26,7 +26,7 @@ LANDING = range(-1, 7)
 """Ticks around the first one on the ground again; after the last of them the hop is measured."""
 
 LEAST_ERROR = 0.001
-"""Standard error of a step at least [m]: without it, to stand still would be all that is worth learning."""
+"""Standard error of a step at least [m], chosen: without it, to stand still would be all that is worth learning."""
 
 _MOST_HIDDEN = 256
 _CLIP = 5.0  # standard deviations: how far outside of what it was learnt from a number counts

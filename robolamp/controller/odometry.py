@@ -61,13 +61,11 @@ class Steps:
         if first:
             self._ring[:, :, :-2] = row[:, None]
         sums = self._ring[:, self._tick % _KEPT, -2:]
-        for _ in range(1 if first else min(elapsed, _KEPT)):
+        for _ in range(1 if first else elapsed):
             self._tick += 1
             sums = sums + row[:, -2:]
             self._ring[:, self._tick % _KEPT, :-2] = row
             self._ring[:, self._tick % _KEPT, -2:] = sums
-        if not first and elapsed > _KEPT:
-            self._tick += elapsed - _KEPT
         if first:
             self._beginning[:] = self._ring[:, 0]
         tick = self._tick

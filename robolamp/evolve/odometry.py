@@ -38,6 +38,7 @@ LAMPS = (("spread", 1.0, 0.5), ("spread", 0.5, 0.2), ("spread", 1.5, 0.12), ("sp
 
 _GOALS = 0.05, 0.60  # [m]
 _LANES = 400  # recorded at once: 30 MB
+# Chosen by errors on lamps that were left out: all that follow.
 _ROUNDS, _BATCH, _SQUARES = 50, 256, 10  # passes over all; steps at once; passes before errors are learnt, too
 _RATE, _PENALTY = 4e-3, 100.0  # of Adam (Kingma & Ba 2015); of the squares of weights, beside all steps' losses
 _JUDGED = 0.2  # share of the lamps that is left out, to judge by
@@ -154,50 +155,11 @@ def gather(
     workers: int | None = None,
     done: Callable[[float], None] = lambda _share: None,
 ) -> StepTable:
-    """Let controllers hop on all lamps; see `collect`.
-
-    Args:
-        lamp: The lamp's description.
-        groups: The lamps.
-        controllers: What drives them.
-        goals: As `collect` takes it, as all that follows.
-        rng: See there.
-        vary: See there.
-        workers: See there.
-        done: See there.
-
-    Raises:
-        RobolampError: The controllers have different control periods.
-    """
-    tables, lamps, total = [], 0, sum(len(group.twins) for group in groups)
-    for group in groups:
-
-        def here(share: float, before: int = lamps, count: int = len(group.twins)) -> None:
-            done((before + share * count) / total)
-
-        table = collect(lamp, group, controllers, goals, rng, vary=vary, workers=workers, done=here)
-        runs = lamps * len(controllers) * goals
-        tables.append(replace(table, lamp=table.lamp + lamps, run=table.run + runs))
-        lamps += len(group.twins)
-    return StepTable.join([table for table in tables if len(table.length)] or tables[:1])
-
-
-def collect(
-    lamp: Lamp,
-    group: LampGroup,
-    controllers: Sequence[Controller],
-    goals: int,
-    rng: np.random.Generator,
-    *,
-    vary: float = 0.0,
-    workers: int | None = None,
-    done: Callable[[float], None] = lambda _share: None,
-) -> StepTable:
     """Let controllers hop on lamps, and measure each step.
 
     Args:
         lamp: The lamp's description.
-        group: The lamps.
+        groups: The lamps.
         controllers: What drives them, each of them all.
         goals: How many goals for each controller on each lamp, drawn from 5 to 60 cm.
         rng: Where goals and constants come from.
@@ -208,14 +170,36 @@ def collect(
     Raises:
         RobolampError: The controllers have different control periods.
     """
+    tables, lamps, total = [], 0, sum(len(group.twins) for group in groups)
+    for group in groups:
+
+        def here(share: float, before: int = lamps, count: int = len(group.twins)) -> None:
+            done((before + share * count) / total)
+
+        table = _collect(lamp, group, controllers, goals, rng, vary, workers, here)
+        runs = lamps * len(controllers) * goals
+        tables.append(replace(table, lamp=table.lamp + lamps, run=table.run + runs))
+        lamps += len(group.twins)
+    return StepTable.join([table for table in tables if len(table.length)] or tables[:1])
+
+
+def _collect(
+    lamp: Lamp,
+    group: LampGroup,
+    controllers: Sequence[Controller],
+    goals: int,
+    rng: np.random.Generator,
+    vary: float,
+    workers: int | None,
+    done: Callable[[float], None],
+) -> StepTable:
+    """Return the steps of one group; see `gather`."""
     periods = {controller.control_period for controller in controllers}
     if len(periods) > 1:
         said = ", ".join(f"{controller.name} {controller.control_period:g} s" for controller in controllers)
         raise RobolampError(f"have different control periods ({said}); an odometer is of one", "controllers")
-    period, names = periods.pop(), (*on_board_terminals(len(lamp.joints)), *TWIN_ONLY, *FOOT_WINDOW)
-    read = {name for controller in controllers for name in controller.terminals}
-    if lamp.odometer is None:
-        names = tuple(name for name in names if name in read or not name.startswith("way"))
+    own = on_board_terminals(len(lamp.joints), odometer=lamp.odometer is not None)
+    period, names = periods.pop(), (*own, *TWIN_ONLY, *FOOT_WINDOW)
     fleet = Fleet(group.twins, period, workers)
     tables, rounds = [], [(index, lane) for index in range(len(controllers)) for lane in range(len(group.twins))]
     at_once = max(1, _LANES // goals)
@@ -403,7 +387,7 @@ def _learn(known: StepTable, judged: StepTable, lamp: Lamp, period: float, hidde
 
 
 def errors(odometer: Odometer, steps: StepTable) -> tuple[Array, Array]:
-    """Return how far an odometer is off for each hop, and what it says of that, shape (k,) [m]."""
+    """Return how far an odometer is off for each step, and what it says of that, shape (k,) [m]."""
     length, stderr, _ = odometer.measure(steps.features)
     return length - steps.length, stderr
 

@@ -258,7 +258,7 @@ def test_the_report_must_not_replace_the_log(tmp_path):
 def test_tolerances_decide(tmp_path):
     strict = tmp_path / "strict.toml"
     strict.write_text('schema = 1\nname = "strict"\njoint_mae = 0.0001\nlag = 1.0\ntravel = 1.0\n')
-    log, _ = write_run(tmp_path)
+    log, _ = write_run(tmp_path, Bend(strength=0.9))  # further off than replays are from each other
     result = compare_log(
         log,
         assets=ASSETS,
@@ -267,10 +267,8 @@ def test_tolerances_decide(tmp_path):
         tolerances=load_tolerances(ASSETS, strict),
     )
     assert result.verdict == "outside"
-    # What replays that start a hair apart differ by is no joint's fault: of it the verdict cannot say.
-    told = [text.split(" mrad")[0][:-2] for text in (*result.judged.exceeded, *result.judged.unknown)]
-    assert sorted(told)[:3] == ["ankle: MAE 0", "knee: MAE 0", "neck: MAE 0"]
-    assert result.judged.exceeded[0].startswith("knee: MAE 0.")
+    assert len(result.judged.exceeded) == 3
+    assert result.judged.exceeded[0].startswith("ankle: MAE 12.")
 
 
 @pytest.mark.parametrize(

@@ -110,15 +110,16 @@ def test_lanes_do_not_touch_each_other(contacts: list[list[bool]], seed: int) ->
         assert np.array_equal(ways([lane])[:, 0], together[:, lane])
 
 
-def test_missed_ticks_were_like_the_one_that_came() -> None:
+@pytest.mark.parametrize("missed", [5, 100])
+def test_missed_ticks_were_like_the_one_that_came(missed: int) -> None:
     whole, gap = Steps(1, 1, PERIOD), Steps(1, 1, PERIOD)
     one = np.ones(1)
     for _ in range(9):
         for steps in (whole, gap):
             steps.update(one[:, None], one[:, None], one, one, one > 0)
-    for _ in range(5):
+    for _ in range(missed):
         whole.update(2 * one[:, None], one[:, None], 0 * one, 0 * one, one < 0)
-    gap.update(2 * one[:, None], one[:, None], 0 * one, 0 * one, one < 0, elapsed=5)
+    gap.update(2 * one[:, None], one[:, None], 0 * one, 0 * one, one < 0, elapsed=missed)
     for tick in range(8):
         found = [steps.update(3 * one[:, None], one[:, None], one, one, one > 0) for steps in (whole, gap)]
         assert len(found[0][0]) == len(found[1][0]) == (tick == 6)
