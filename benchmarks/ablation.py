@@ -17,11 +17,11 @@ from robolamp.calibration import load_calibration
 from robolamp.controller.controller_file import Controller, load_controller
 from robolamp.controller.terminals import all_terminals
 from robolamp.evolve.evolution import evolve
-from robolamp.evolve.task import load_task
+from robolamp.evolve.tasks.task import load_task
 from robolamp.lamp import load_lamp
-from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.lamp_model import build
-from robolamp.twin.random_lamps import LampLaw
+from robolamp.twin.lanes.fleet import Fleet, Job
+from robolamp.twin.variation.random_lamps import LampLaw
 
 ASSETS = Assets()
 LAMP = load_lamp(ASSETS)

@@ -34,8 +34,8 @@ from robolamp.errors import RobolampError
 from robolamp.files import write_atomic
 from robolamp.lamp import load_lamp
 from robolamp.twin.bend import Bend
-from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.lamp_model import TwinModel, build
+from robolamp.twin.lanes.fleet import Fleet, Job
 
 GOALS = (0.2, 0.4, 0.6)
 """How far the recorded hops were sent [m]."""

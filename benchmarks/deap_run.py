@@ -30,14 +30,14 @@ from robolamp.calibration import load_calibration
 from robolamp.controller.expression import parse
 from robolamp.controller.program import Program, compile_program
 from robolamp.evolve.evolution import evolve
-from robolamp.evolve.fitness import weighted
-from robolamp.evolve.task import Task, load_task
+from robolamp.evolve.tasks.fitness import weighted
+from robolamp.evolve.tasks.task import Task, load_task
 from robolamp.lamp import load_lamp
-from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.judge import FALLEN_HEAD, FALLEN_TILT, GOAL_RADIUS, Outcome
-from robolamp.twin.lamp_lanes import settle
+from robolamp.twin.actuators.motors import Motors, Views
+from robolamp.twin.judges.lamp_judge import FALLEN_HEAD, FALLEN_TILT, GOAL_RADIUS, Outcome
 from robolamp.twin.lamp_model import TwinModel, build
-from robolamp.twin.motors import Motors, Views
+from robolamp.twin.lanes.fleet import Fleet, Job
+from robolamp.twin.lanes.lamp_lanes import settle
 
 ASSETS = Assets()
 LAMP = load_lamp(ASSETS)

@@ -25,10 +25,10 @@ from mujoco.rollout import Rollout
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.evolve.evolution import evolve
-from robolamp.evolve.task import Task, load_task
+from robolamp.evolve.tasks.task import Task, load_task
 from robolamp.lamp import load_lamp
-from robolamp.twin.lamp_lanes import settle
 from robolamp.twin.lamp_model import TwinModel, build
+from robolamp.twin.lanes.lamp_lanes import settle
 
 ASSETS = Assets()
 LAMP = load_lamp(ASSETS)
@@ -91,7 +91,7 @@ def main() -> None:
     evolving(tiny, options.threads, 1, nullcontext())  # numba compiles
 
     def unchanged() -> AbstractContextManager:
-        return mock.patch("robolamp.twin.motors.drive", still)
+        return mock.patch("robolamp.twin.actuators.motors.drive", still)
 
     ways: dict[str, tuple[Task, Callable[[], AbstractContextManager]]] = {
         "racing, friction by load": (task, nullcontext),

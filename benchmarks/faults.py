@@ -32,9 +32,9 @@ from pathlib import Path
 
 import numpy as np
 
-from robolamp.cli.emulator_parts import InjectionLog
 from robolamp.cli.options import Setup
 from robolamp.cli.run.drive import Drive, drive
+from robolamp.cli.run.emulator_parts import InjectionLog
 from robolamp.dynamixel.registers import RAD_PER_COUNT, Name
 from robolamp.emulator.emulated_lamp import EmulatedLamp
 from robolamp.emulator.faults.script import DAMAGES, Event, Faults, Rates

@@ -24,7 +24,7 @@ from robolamp.controller.program import Program, compile_program
 from robolamp.controller.terminals import figure_terminals
 from robolamp.figure import Figure, load_figure
 from robolamp.twin.figure_model import FigureTwin, build_figure
-from robolamp.twin.fleet import Fleet, Job
+from robolamp.twin.lanes.fleet import Fleet, Job
 
 LANES, SECONDS, ROUNDS, PERIOD = 200, 2.0, 7, 0.01
 

@@ -20,7 +20,7 @@ from robolamp.calibration import load_calibration
 from robolamp.controller.controller_file import load_controller
 from robolamp.evolve.evolution import evolve
 from robolamp.evolve.progress import Result
-from robolamp.evolve.task import Task, load_task
+from robolamp.evolve.tasks.task import Task, load_task
 from robolamp.lamp import load_lamp
 from robolamp.twin.lamp_model import build
 

@@ -44,8 +44,8 @@ from robolamp.errors import BusError, FileError
 from robolamp.log.reader import Run, Truth, read_run, read_truth
 from robolamp.runtime.stop import StopRequest
 from robolamp.signals import Clock
-from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.lamp_model import build
+from robolamp.twin.lanes.fleet import Fleet, Job
 
 Random = np.random.Generator
 DURATION = 8.0  # s: time for goals to 60 cm

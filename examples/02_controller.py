@@ -8,9 +8,9 @@ from robolamp.controller.expression import parse_list
 from robolamp.controller.program import compile_program
 from robolamp.controller.terminals import on_board_terminals
 from robolamp.lamp import load_lamp
-from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.lamp_model import build
-from robolamp.twin.random_lamps import LampLaw
+from robolamp.twin.lanes.fleet import Fleet, Job
+from robolamp.twin.variation.random_lamps import LampLaw
 
 # Crouch, push and tuck, in a cycle that the foot's contact restarts; one expression a joint, from the foot up.
 TEXT = """

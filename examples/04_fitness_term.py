@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.evolve.evolution import evolve
-from robolamp.evolve.fitness import term
-from robolamp.evolve.task import load_task
+from robolamp.evolve.tasks.fitness import term
+from robolamp.evolve.tasks.task import load_task
 from robolamp.lamp import load_lamp
-from robolamp.twin.judge import Outcome
+from robolamp.twin.judges.lamp_judge import Outcome
 
 
 @term("stoop")

@@ -62,7 +62,7 @@ def compare(
         diagnosis: Name causes, found by replays of twins with one number changed; without it, a few seconds faster.
         as_json: Print one JSON object.
     """
-    from robolamp.compare.tolerances import load_tolerances  # the heavy libraries load after the arguments
+    from robolamp.compare.verdicts.tolerances import load_tolerances  # the heavy libraries load after the arguments
 
     assets = Assets.of(lamp)
     numbers, allowed = load_calibration(assets, calibration), load_tolerances(assets, tolerances)

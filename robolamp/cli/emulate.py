@@ -66,7 +66,7 @@ def emulate(
         for option, value in for_a_lamp.items():
             if servos is not None and value is not None:
                 raise RobolampError("cannot be used with --servos: there is no lamp", option)
-        from robolamp.cli.emulator_parts import Hand, InjectionLog, bare_rig, check_logs, lamp_rig
+        from robolamp.cli.run.emulator_parts import Hand, InjectionLog, bare_rig, check_logs, lamp_rig
         from robolamp.emulator.line.traffic import Traffic
         from robolamp.emulator.ports.real_time import Process
 

@@ -21,10 +21,10 @@ from robolamp.errors import FileError, RobolampError
 from robolamp.evolve.checkpoint import NAME as CHECKPOINT
 from robolamp.evolve.evolution import MakeEvaluator, open_run
 from robolamp.evolve.evolution import evolve as run_evolution
-from robolamp.evolve.fitness import load_terms
 from robolamp.evolve.progress import Result
-from robolamp.evolve.task import load_task
-from robolamp.evolve.task_twins import driven_by
+from robolamp.evolve.tasks.fitness import load_terms
+from robolamp.evolve.tasks.task import load_task
+from robolamp.evolve.tasks.task_twins import driven_by
 from robolamp.figure import LAMP, Figure
 from robolamp.files import read_toml
 from robolamp.twin.figure_model import Twin

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.text import Text
 
-from robolamp.cli.controller_stage import stage_of
 from robolamp.cli.options import DURATION, GOAL_TIME, Setup
+from robolamp.cli.scoring.controller_stage import stage_of
 from robolamp.cli.screen.output import called, counted, print_json
 from robolamp.controller.branch_counts import count_branches
 from robolamp.controller.controller_file import BY_HAND, EVOLVED, TUNED, Controller

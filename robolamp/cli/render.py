@@ -10,9 +10,9 @@ from cyclopts import Parameter
 from numpy.typing import NDArray
 
 from robolamp.assets import bare_name
-from robolamp.cli.controller_stage import Stage, stage_of
 from robolamp.cli.options import GOAL_TIME, Setup, length, seconds
-from robolamp.cli.pole_options import pole_of
+from robolamp.cli.scoring.controller_stage import Stage, stage_of
+from robolamp.cli.scoring.pole_options import pole_of
 from robolamp.cli.screen.output import print_json
 from robolamp.errors import RobolampError
 from robolamp.files import kind_of, read_toml, suffix_of, write_atomic
@@ -192,8 +192,8 @@ def _logged(
     path: str, truth: Path | None, setup: Setup, *, with_twin: bool
 ) -> tuple[TwinModel, Array, dict[str, Array], tuple[float, float] | None]:
     """Return a log's run as positions, and where on the floor it was sent, where the log says that."""
-    from robolamp.compare.goal_replay import replay
     from robolamp.compare.logged_motion import lamp_motion, truth_of, twin_motion
+    from robolamp.compare.replays.goal_replay import replay
     from robolamp.log.mcap_stream import read_contents
     from robolamp.log.reader import prefix_in, run_of
 

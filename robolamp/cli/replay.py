@@ -87,9 +87,9 @@ def show(log: Path, setup: Setup, page: Path) -> None:
 
 
 def _page(path: Path, truth_path: Path | None, setup: Setup) -> str:
-    from robolamp.compare.goal_replay import replay as drive_twin
     from robolamp.compare.logged_motion import truth_of
     from robolamp.compare.replay_scene import playback_of
+    from robolamp.compare.replays.goal_replay import replay as drive_twin
     from robolamp.log.mcap_stream import read_contents
     from robolamp.log.reader import prefix_in, run_of
     from robolamp.player.player_page import page

@@ -12,16 +12,16 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from robolamp.cli.controller_stage import stage_of
 from robolamp.cli.options import DURATION, GOAL_TIME, Setup
-from robolamp.cli.pole_options import pole_of
-from robolamp.cli.score_figure import figure_keys, print_figure
+from robolamp.cli.scoring.controller_stage import stage_of
+from robolamp.cli.scoring.pole_options import pole_of
+from robolamp.cli.scoring.score_figure import figure_keys, print_figure
 from robolamp.cli.screen.output import called, counted, print_json
 from robolamp.cli.screen.progress_bar import bar
 from robolamp.errors import RobolampError
+from robolamp.twin.judges.run_outcome import RunOutcome
 from robolamp.twin.lamp_model import Pole, build
-from robolamp.twin.random_lamps import LampLaw
-from robolamp.twin.run_outcome import RunOutcome
+from robolamp.twin.variation.random_lamps import LampLaw
 
 _GOALS = "0.05:0.60:56"  # [m]
 _TIME, _SPEED = 8.0, 0.08  # of a run of the lamp [s], and its least speed to goals beyond that [m/s]

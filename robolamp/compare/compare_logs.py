@@ -17,21 +17,21 @@ from robolamp.compare.causes.evidence import Evidence
 from robolamp.compare.causes.ranking import NOT_ASKED, Account, explain
 from robolamp.compare.causes.words import Finding, diagnose
 from robolamp.compare.comparison import Comparison
-from robolamp.compare.controller_alone import alone_of
-from robolamp.compare.controller_replay import replay_controller
 from robolamp.compare.divergence import parting, plain, residuals, spectrum
-from robolamp.compare.ensemble import Spread, between, nearest, starts
-from robolamp.compare.goal_replay import Replay, replays
-from robolamp.compare.landing import Landing, landing_of
-from robolamp.compare.measured_way import measured_way
 from robolamp.compare.pauses import origin
+from robolamp.compare.replays.controller_replay import replay_controller
+from robolamp.compare.replays.goal_replay import Replay, replays
+from robolamp.compare.replays.trajectory import Side, compared, of_replay, of_run
 from robolamp.compare.report.comparison_page import write_report
 from robolamp.compare.run_ending import ending_of
-from robolamp.compare.sensed_flights import flights, hops
-from robolamp.compare.task_verdict import task_of
-from robolamp.compare.tolerances import Tolerances, load_tolerances
-from robolamp.compare.trajectory import Side, compared, of_replay, of_run
-from robolamp.compare.twin_verdict import verdict_of
+from robolamp.compare.travel.landing import Landing, landing_of
+from robolamp.compare.travel.measured_way import measured_way
+from robolamp.compare.travel.sensed_flights import flights, hops
+from robolamp.compare.verdicts.controller_alone import alone_of
+from robolamp.compare.verdicts.ensemble import Spread, between, nearest, starts
+from robolamp.compare.verdicts.task_verdict import task_of
+from robolamp.compare.verdicts.tolerances import Tolerances, load_tolerances
+from robolamp.compare.verdicts.twin_verdict import verdict_of
 from robolamp.errors import FileError
 from robolamp.files import partial
 from robolamp.lamp import Lamp, load_lamp

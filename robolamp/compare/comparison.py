@@ -12,18 +12,18 @@ from robolamp.calibration import Calibration
 from robolamp.compare.align import JointError
 from robolamp.compare.causes.ranking import Account
 from robolamp.compare.causes.words import Finding
-from robolamp.compare.controller_alone import Alone
-from robolamp.compare.controller_replay import ControlReplay
 from robolamp.compare.divergence import BANDS, Parting, Plain, Spectrum
-from robolamp.compare.ensemble import Spread
-from robolamp.compare.goal_replay import Replay
-from robolamp.compare.landing import Landing
-from robolamp.compare.measured_way import MeasuredWay
-from robolamp.compare.sensed_flights import Hop
-from robolamp.compare.task_verdict import NOT_DONE, Task
-from robolamp.compare.tolerances import Tolerances
-from robolamp.compare.trajectory import Side
-from robolamp.compare.twin_verdict import INSIDE, Verdict
+from robolamp.compare.replays.controller_replay import ControlReplay
+from robolamp.compare.replays.goal_replay import Replay
+from robolamp.compare.replays.trajectory import Side
+from robolamp.compare.travel.landing import Landing
+from robolamp.compare.travel.measured_way import MeasuredWay
+from robolamp.compare.travel.sensed_flights import Hop
+from robolamp.compare.verdicts.controller_alone import Alone
+from robolamp.compare.verdicts.ensemble import Spread
+from robolamp.compare.verdicts.task_verdict import NOT_DONE, Task
+from robolamp.compare.verdicts.tolerances import Tolerances
+from robolamp.compare.verdicts.twin_verdict import INSIDE, Verdict
 from robolamp.log.reader import Run
 from robolamp.twin.lamp_model import TwinModel
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from robolamp.compare.align import JointError, enough
 from robolamp.compare.pauses import origin, paused_before
-from robolamp.compare.sensed_flights import Hop
-from robolamp.compare.trajectory import Side
+from robolamp.compare.replays.trajectory import Side
+from robolamp.compare.travel.sensed_flights import Hop
 from robolamp.log.reader import Run
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.compare.goal_replay import Replay
+from robolamp.compare.replays.goal_replay import Replay
 from robolamp.errors import FileError
 from robolamp.log.reader import Run, Truth, read_truth
 from robolamp.twin.lamp_model import TwinModel

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from robolamp.compare.goal_replay import Replay
 from robolamp.compare.logged_motion import lamp_motion, twin_motion
+from robolamp.compare.replays.goal_replay import Replay
 from robolamp.log.reader import Run, Truth
 from robolamp.player.player_page import Chart, Motion, Playback, Series
 from robolamp.player.scene import poses_of, scene_of

@@ -18,7 +18,7 @@ from robolamp.emulator.reality.reality import Reality
 from robolamp.emulator.servo.bare_motor import Motor
 from robolamp.emulator.servo.drive import Sensed
 from robolamp.emulator.servo.servo import WAKING, Servo
-from robolamp.twin.motors import LEAST_VOLTAGE
+from robolamp.twin.actuators.motors import LEAST_VOLTAGE
 
 TIMESTEP = 0.001
 """Physics step [s]."""

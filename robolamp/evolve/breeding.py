@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.controller.expression import parse
-from robolamp.evolve.gep import Genes
 from robolamp.evolve.race import fitness
-from robolamp.evolve.representation import Plan, Representation
+from robolamp.evolve.representations.gep import Genes
+from robolamp.evolve.representations.representation import Plan, Representation
+from robolamp.evolve.representations.tree import Breeder, Genome
 from robolamp.evolve.selection import draw_tournament, lexicase, pareto, proportionate, winner
-from robolamp.evolve.task import Settings, Task
-from robolamp.evolve.tree import Breeder, Genome
+from robolamp.evolve.tasks.task import Settings, Task
 from robolamp.evolve.trial import MAIN, STYLE
 
 _PARENTS = {"crossover": 2, "subtree_mutation": 1, "point_mutation": 1, "constant_mutation": 1, "reproduction": 1}
@@ -57,7 +57,7 @@ def choose(
 
 
 class Trees:
-    """Trees as a representation: genotype and phenotype are the same; see `robolamp.evolve.tree`.
+    """Trees as a representation: genotype and phenotype are the same; see `robolamp.evolve.representations.tree`.
 
     Args:
         task: Shares, limits, and the range of constants.

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from robolamp.controller.expression import parse
 from robolamp.errors import ExpressionError, FileError
-from robolamp.evolve.representation import Representation
-from robolamp.evolve.tree import Genome
+from robolamp.evolve.representations.representation import Representation
+from robolamp.evolve.representations.tree import Genome
 from robolamp.files import MOST_LOG, parse_json, read_text, write_atomic
 
 NAME = "checkpoint.json"

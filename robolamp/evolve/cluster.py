@@ -35,14 +35,14 @@ from robolamp.controller.program import Program
 from robolamp.errors import RobolampError
 from robolamp.evolve.platform import machine
 from robolamp.twin.figure_model import Twin
-from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.run_outcome import RunOutcome
+from robolamp.twin.judges.run_outcome import RunOutcome
+from robolamp.twin.lanes.fleet import Fleet, Job
 
 if TYPE_CHECKING:
     from distributed import Client, Future
     from tornado.ioloop import IOLoop
 
-    from robolamp.twin.key_poses import KeyPose
+    from robolamp.twin.judges.key_poses import KeyPose
 
 _LANES_MOST = 96  # of a chunk, 16 individuals on 6 goals: seconds of physics, to dask's millisecond a task
 _CHUNKS_A_THREAD = 4  # at least, so that the last ones do not keep the others waiting for long ...

@@ -22,25 +22,25 @@ from robolamp.evolve.breeding import choose, represent
 from robolamp.evolve.checkpoint import NAME as CHECKPOINT
 from robolamp.evolve.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 from robolamp.evolve.controller_origin import marks, origin_of
-from robolamp.evolve.fitness import load_terms
 from robolamp.evolve.platform import differences, machine
 from robolamp.evolve.progress import NAME as PROGRESS
 from robolamp.evolve.progress import Generation, Result, read_progress, write_progress
 from robolamp.evolve.race import Contest, Memory, Race, fitness
+from robolamp.evolve.representations.tree import Genome
 from robolamp.evolve.run_record import NAME as RECORD
 from robolamp.evolve.run_record import check_unchanged, read_record, write_record
 from robolamp.evolve.selection import adjusted, normalized
-from robolamp.evolve.task import Task, load_task, parse_task
-from robolamp.evolve.task_twins import compiled, driven_by
-from robolamp.evolve.tree import Genome
+from robolamp.evolve.tasks.fitness import load_terms
+from robolamp.evolve.tasks.task import Task, load_task, parse_task
+from robolamp.evolve.tasks.task_twins import compiled, driven_by
 from robolamp.evolve.trial import Case, Evaluator, Trials, TrialScore, draw_cases
 from robolamp.evolve.tune import tune
 from robolamp.figure import LAMP
 from robolamp.files import alone, sha256, write_atomic
 from robolamp.lamp import Lamp, load_lamp
 from robolamp.twin.figure_model import Twin
-from robolamp.twin.fleet import Fleet
 from robolamp.twin.lamp_model import fingerprint
+from robolamp.twin.lanes.fleet import Fleet
 
 CONTROLLER = "controller.toml"
 """The best controller so far, in a run's folder."""

@@ -18,15 +18,15 @@ from robolamp.controller.odometry import Steps
 from robolamp.controller.program import compile_program
 from robolamp.controller.terminals import FOOT_WINDOW, TWIN_ONLY, on_board_terminals
 from robolamp.errors import RobolampError
-from robolamp.evolve.tree import Genome, constants, with_constants
+from robolamp.evolve.representations.tree import Genome, constants, with_constants
 from robolamp.lamp import Lamp
 from robolamp.odometer import LEAST_ERROR, Network, Odometer
-from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.lamp_model import TwinModel, build
-from robolamp.twin.random_lamps import LampLaw
+from robolamp.twin.lanes.fleet import Fleet, Job
 from robolamp.twin.sensor_model import measure_angle
-from robolamp.twin.spread import load_spread
 from robolamp.twin.trace import Trace
+from robolamp.twin.variation.random_lamps import LampLaw
+from robolamp.twin.variation.spread import load_spread
 
 Array = NDArray[np.float64]
 

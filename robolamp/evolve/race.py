@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.controller.simplify import simplify
-from robolamp.evolve.tree import Genome
+from robolamp.evolve.representations.tree import Genome
 from robolamp.evolve.trial import MAIN, MEASURES, STYLE, Case, Trials
 from robolamp.figure import Driven
 from robolamp.twin.trace import Trace, follows

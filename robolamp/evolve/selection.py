@@ -6,7 +6,7 @@ import moocore
 import numpy as np
 from numpy.typing import NDArray
 
-from robolamp.evolve.fitness import HOPELESS
+from robolamp.evolve.tasks.fitness import HOPELESS
 
 
 def draw_tournament(rng: np.random.Generator, population: int, size: int) -> NDArray[np.int64]:

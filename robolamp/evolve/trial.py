@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.controller.program import Program, compile_program
-from robolamp.evolve.fitness import weighted
-from robolamp.evolve.fitness_cases import poisson_disk, poisson_disk_plane
-from robolamp.evolve.task import Task
-from robolamp.evolve.tree import Genome
+from robolamp.evolve.representations.tree import Genome
+from robolamp.evolve.tasks.fitness import weighted
+from robolamp.evolve.tasks.fitness_cases import poisson_disk, poisson_disk_plane
+from robolamp.evolve.tasks.task import Task
 from robolamp.figure import Figure
-from robolamp.twin.fleet import Job
-from robolamp.twin.key_poses import KeyPose
-from robolamp.twin.run_outcome import RunOutcome
+from robolamp.twin.judges.key_poses import KeyPose
+from robolamp.twin.judges.run_outcome import RunOutcome
+from robolamp.twin.lanes.fleet import Job
 from robolamp.twin.trace import Trace
 
 _TRACE_AT_ONCE = 250e6  # bytes of what controllers saw and sent
@@ -43,7 +43,7 @@ class Evaluator(Protocol):
         poses: Sequence[KeyPose] = (),
         record: bool = False,
     ) -> RunOutcome:
-        """Run every job to its end; see `robolamp.twin.fleet.Fleet.run`."""
+        """Run every job to its end; see `robolamp.twin.lanes.fleet.Fleet.run`."""
         ...
 
 

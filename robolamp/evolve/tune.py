@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.evolve.race import fitness
-from robolamp.evolve.task import Task
-from robolamp.evolve.tree import Genome, constants, with_constants
+from robolamp.evolve.representations.tree import Genome, constants, with_constants
+from robolamp.evolve.tasks.task import Task
 from robolamp.evolve.trial import Trials, draw_cases
 
 _STEP_RELATIVE, _STEP_RANGE = 0.1, 0.02  # first step of each constant: of its value, and of the task's range

@@ -20,8 +20,8 @@ from robolamp.assets import Assets
 from robolamp.errors import FileError
 from robolamp.figure import POINT, Figure
 from robolamp.files import read_bytes
+from robolamp.twin.engine import state_of
 from robolamp.twin.lamp_model import TwinModel, quiet
-from robolamp.twin.lanes import state_of
 
 _SETTLE_TIME = 0.5  # how long a figure stands before a run, its motors at zero velocity [s]
 

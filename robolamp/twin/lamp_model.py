@@ -18,10 +18,10 @@ from robolamp.calibration import SERVO, Calibration
 from robolamp.errors import FileError
 from robolamp.files import read_bytes
 from robolamp.lamp import Lamp
+from robolamp.twin.actuators.encoders import Encoders
+from robolamp.twin.actuators.gears import Gears, add_gears
+from robolamp.twin.actuators.servo import ServoParameters, hold, set_motor
 from robolamp.twin.bend import Bend
-from robolamp.twin.encoders import Encoders
-from robolamp.twin.gears import Gears, add_gears
-from robolamp.twin.servo import ServoParameters, hold, set_motor
 
 Array = NDArray[np.float64]
 
@@ -228,7 +228,7 @@ def build(
     if timestep is not None:
         spec.option.timestep = timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_EULERDAMP  # see `robolamp.twin.gears`
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_EULERDAMP  # see `robolamp.twin.actuators.gears`
     servos = _bent(ServoParameters.of(lamp, calibration), bend)
     voltage = calibration.lamp("supply_voltage") + bend.supply
     table = servos.table

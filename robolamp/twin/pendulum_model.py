@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from robolamp.twin.encoders import Encoders
-from robolamp.twin.gears import Gears
-from robolamp.twin.servo import ServoParameters, hold, set_motor
+from robolamp.twin.actuators.encoders import Encoders
+from robolamp.twin.actuators.gears import Gears
+from robolamp.twin.actuators.servo import ServoParameters, hold, set_motor
 
 POINT = 1e-9
 """Moment of inertia of the weight itself [kg m^2]: its mass counts as a point."""
@@ -49,7 +49,7 @@ class Load:
 
 @dataclass(frozen=True)
 class PendulumTwin:
-    """A compiled pendulum, of one joint that is at 0 where it hangs straight down; a `robolamp.twin.motors.Driven`.
+    """A compiled pendulum, of one joint that is at 0 where it hangs straight down; a `Driven` of motors.py.
 
     Attributes:
         model: The MuJoCo model.

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from robolamp.errors import SafetyError
 from robolamp.lamp import Lamp
 from robolamp.signals import Command
-from robolamp.twin.lamp_body import Body
-from robolamp.twin.lamp_lanes import SETTLE_TIME
 from robolamp.twin.lamp_model import TwinModel
+from robolamp.twin.lanes.lamp_body import Body
+from robolamp.twin.lanes.lamp_lanes import SETTLE_TIME
 from robolamp.twin.twin_lamp import TwinLamp
 
 Array = NDArray[np.float64]

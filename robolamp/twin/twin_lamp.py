@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from robolamp.controller.foot_window import FootWindow
 from robolamp.signals import Command, Health, Observation, ServoTraits
-from robolamp.twin.judge import Judge, Outcome
-from robolamp.twin.lamp_body import Body
+from robolamp.twin.judges.lamp_judge import Judge, Outcome
 from robolamp.twin.lamp_model import TwinModel
+from robolamp.twin.lanes.lamp_body import Body
 from robolamp.twin.sensor_model import measure_angle, measure_force
 
 _NO_LOAD_TEMPERATURE = 30.0  # the twin does not model heat [degC]

@@ -17,7 +17,7 @@ from robolamp.calibrate.lamp.unknowns import GEARS, gears_of
 from robolamp.calibration import Calibration, Parameter, load_calibration
 from robolamp.cli.calibrate.lamp import fit_session
 from robolamp.twin.lamp_model import build
-from robolamp.twin.random_lamps import LampLaw
+from robolamp.twin.variation.random_lamps import LampLaw
 from tests.calibrate.sessions import ASSETS, LAMP, NOMINAL, SETUP, recorded, short, steps
 
 LOOSE = """

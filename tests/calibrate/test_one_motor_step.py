@@ -22,11 +22,11 @@ from robolamp.emulator.plant.pendulum import Pendulum
 from robolamp.emulator.plant.plant import Plant
 from robolamp.emulator.servo.drive import Drive
 from robolamp.lamp import load_lamp
-from robolamp.twin.lamp_body import Body
+from robolamp.twin.actuators.motors import Motors, Views
+from robolamp.twin.actuators.servo import ServoParameters
 from robolamp.twin.lamp_model import build
-from robolamp.twin.motors import Motors, Views
+from robolamp.twin.lanes.lamp_body import Body
 from robolamp.twin.pendulum_model import Load, build_pendulum
-from robolamp.twin.servo import ServoParameters
 from tests.calibrate.bench_parts import MODEL, NOMINAL
 
 VALUES = {

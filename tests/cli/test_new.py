@@ -11,7 +11,7 @@ from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.cli.main import main
 from robolamp.errors import FileError
-from robolamp.evolve.task import load_task
+from robolamp.evolve.tasks.task import load_task
 from robolamp.lamp import load_lamp
 from robolamp.twin.lamp_model import build
 

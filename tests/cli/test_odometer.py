@@ -10,7 +10,7 @@ import pytest
 
 from robolamp.assets import Assets
 from robolamp.cli.main import main
-from robolamp.compare.controller_replay import replay_controller
+from robolamp.compare.replays.controller_replay import replay_controller
 from robolamp.lamp import load_lamp
 from robolamp.log.reader import read_run
 from robolamp.odometer import load_odometer

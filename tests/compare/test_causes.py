@@ -15,8 +15,8 @@ from robolamp.compare.causes.evidence import DRIVEN, Evidence
 from robolamp.compare.causes.knobs import KINDS, Knob, knobs
 from robolamp.compare.causes.ranking import Account, explain, together
 from robolamp.compare.causes.words import diagnose
-from robolamp.compare.hop_count import count_hops
-from robolamp.compare.sensed_flights import flights
+from robolamp.compare.travel.hop_count import count_hops
+from robolamp.compare.travel.sensed_flights import flights
 from robolamp.dynamixel.registers import Name
 from robolamp.emulator.emulated_lamp import EmulatedLamp
 from robolamp.emulator.faults.script import Event

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robolamp.compare.goal_replay import replay
+from robolamp.compare.replays.goal_replay import replay
 from robolamp.errors import FileError
 from robolamp.log.reader import Run, read_run
 

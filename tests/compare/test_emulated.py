@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from robolamp.cli.main import main
 from robolamp.compare.causes.evidence import Evidence
 from robolamp.compare.causes.ranking import explain
-from robolamp.compare.controller_replay import replay_controller
 from robolamp.compare.folder.folder_runs import _travel, compare_folder
+from robolamp.compare.replays.controller_replay import replay_controller
 from robolamp.emulator.reality.file import Reality
 from robolamp.errors import FileError
 from robolamp.log.reader import read_run

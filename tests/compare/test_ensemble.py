@@ -16,13 +16,13 @@ from robolamp.cli.run.lockstep import LockstepLamp
 from robolamp.compare.align import JointError, Trace, compare_joint
 from robolamp.compare.compare_logs import compare_log
 from robolamp.compare.comparison import Comparison
-from robolamp.compare.ensemble import Apart, Spread, starts
-from robolamp.compare.goal_replay import replays
+from robolamp.compare.replays.goal_replay import replays
+from robolamp.compare.replays.trajectory import of_replay
 from robolamp.compare.run_ending import ending_of
-from robolamp.compare.sensed_flights import Flight, Hop
-from robolamp.compare.tolerances import load_tolerances
-from robolamp.compare.trajectory import of_replay
-from robolamp.compare.twin_verdict import verdict_of
+from robolamp.compare.travel.sensed_flights import Flight, Hop
+from robolamp.compare.verdicts.ensemble import Apart, Spread, starts
+from robolamp.compare.verdicts.tolerances import load_tolerances
+from robolamp.compare.verdicts.twin_verdict import verdict_of
 from robolamp.emulator.faults.script import Faults
 from robolamp.emulator.reality.file import Reality
 from robolamp.log.reader import read_run

@@ -13,14 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robolamp.calibrate.lamp.floor_fit import flights as flights_by_contact
-from robolamp.compare.sensed_flights import UNSEEN, flights
-from robolamp.compare.trajectory import Side
+from robolamp.compare.replays.trajectory import Side
+from robolamp.compare.travel.sensed_flights import UNSEEN, flights
 from robolamp.controller.hop_counter import SignalLimits, shortest_flight
 from robolamp.controller.terminals import Signals
 from robolamp.log.reader import Run, Truth
-from robolamp.twin.judge import Judge
+from robolamp.twin.judges.lamp_judge import Judge
+from robolamp.twin.judges.true_flights import Flown, flown
 from robolamp.twin.lamp_model import build
-from robolamp.twin.true_flights import Flown, flown
 
 from .lamps import ASSETS, CALIBRATION, LAMP
 

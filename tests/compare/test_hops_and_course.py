@@ -11,8 +11,8 @@ import pytest
 from robolamp.compare.align import Trace, find_drift
 from robolamp.compare.causes.ranking import roughness
 from robolamp.compare.divergence import BANDS, spectrum
-from robolamp.compare.sensed_flights import flights, hops
-from robolamp.compare.trajectory import Side
+from robolamp.compare.replays.trajectory import Side
+from robolamp.compare.travel.sensed_flights import flights, hops
 
 from .lamps import LAMP
 from .test_align import motion

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from robolamp.compare.measured_way import MeasuredWay
+from robolamp.compare.travel.measured_way import MeasuredWay
 
 
 def test_it_is_held_against_what_was_travelled() -> None:

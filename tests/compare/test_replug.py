@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from robolamp.cli.main import main
-from robolamp.compare.controller_replay import replay_controller
 from robolamp.compare.pauses import on_clock_of, pauses, silent
+from robolamp.compare.replays.controller_replay import replay_controller
 from robolamp.emulator.faults.script import Event
 from robolamp.emulator.reality.file import Reality
 from robolamp.log.reader import read_run

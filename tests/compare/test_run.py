@@ -11,7 +11,7 @@ import pytest
 
 from robolamp.cli.screen.output import jsonable
 from robolamp.compare.compare_logs import compare_log
-from robolamp.compare.tolerances import load_tolerances
+from robolamp.compare.verdicts.tolerances import load_tolerances
 from robolamp.errors import FileError, SafetyError
 from robolamp.log.reader import read_run
 from robolamp.log.writer import LogWriter

@@ -12,16 +12,16 @@ import pytest
 
 from robolamp.cli.main import main
 from robolamp.compare.compare_logs import compare_joints
-from robolamp.compare.controller_alone import Alone, alone_of
-from robolamp.compare.goal_replay import replay
-from robolamp.compare.landing import Landing, landing_of
 from robolamp.compare.logged_motion import truth_of
+from robolamp.compare.replays.goal_replay import replay
+from robolamp.compare.replays.trajectory import of_replay, of_run
 from robolamp.compare.run_ending import ending_of
-from robolamp.compare.sensed_flights import Flight, Hop, flights, hops
-from robolamp.compare.task_verdict import task_of
-from robolamp.compare.tolerances import load_tolerances
-from robolamp.compare.trajectory import of_replay, of_run
-from robolamp.compare.twin_verdict import verdict_of
+from robolamp.compare.travel.landing import Landing, landing_of
+from robolamp.compare.travel.sensed_flights import Flight, Hop, flights, hops
+from robolamp.compare.verdicts.controller_alone import Alone, alone_of
+from robolamp.compare.verdicts.task_verdict import task_of
+from robolamp.compare.verdicts.tolerances import load_tolerances
+from robolamp.compare.verdicts.twin_verdict import verdict_of
 from robolamp.emulator.faults.script import Event
 from robolamp.errors import FileError
 from robolamp.log.reader import Run, Truth, read_run, read_truth

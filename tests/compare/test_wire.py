@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from robolamp.compare.goal_replay import replay
+from robolamp.compare.replays.goal_replay import replay
 from robolamp.log.reader import read_run
 
 from .lamps import ASSETS, CALIBRATION, LAMP, write_run

@@ -12,8 +12,8 @@ import pytest
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.lamp import Lamp, load_lamp
-from robolamp.twin.lamp_body import Body
 from robolamp.twin.lamp_model import TwinModel, build
+from robolamp.twin.lanes.lamp_body import Body
 
 from .readme import ROOT, table
 

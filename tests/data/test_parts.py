@@ -17,8 +17,8 @@ import pytest
 
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
-from robolamp.twin.gears import TEETH
-from robolamp.twin.spread import load_spread
+from robolamp.twin.actuators.gears import TEETH
+from robolamp.twin.variation.spread import load_spread
 
 from .readme import ROOT
 

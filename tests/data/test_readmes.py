@@ -13,18 +13,18 @@ import pytest
 
 from robolamp.assets import Assets
 from robolamp.calibration import JOINT, LAMP, SERVO, Range, load_calibration
-from robolamp.compare.tolerances import load_tolerances
+from robolamp.compare.verdicts.tolerances import load_tolerances
 from robolamp.controller.controller_file import load_controller
 from robolamp.controller.primitives import PRIMITIVES
 from robolamp.controller.program import compile_program
 from robolamp.controller.terminals import OPTIONAL, TWIN_ONLY, WAY, all_terminals, on_board_terminals
 from robolamp.dynamixel.registers import BAUD_CODES, MODELS, RAD_PER_COUNT
 from robolamp.errors import ExpressionError
-from robolamp.evolve.fitness import terms
-from robolamp.evolve.task import Cases, Settings, Task, load_task
+from robolamp.evolve.tasks.fitness import terms
+from robolamp.evolve.tasks.task import Cases, Settings, Task, load_task
 from robolamp.lamp import load_lamp
 from robolamp.twin.figure_model import World
-from robolamp.twin.spread import load_spread
+from robolamp.twin.variation.spread import load_spread
 
 from .readme import ROOT, table, text
 
@@ -137,7 +137,7 @@ def test_every_key_of_a_task_is_explained() -> None:
 
 
 def test_every_shipped_fitness_term_is_explained() -> None:
-    shipped = {name for name, function in terms().items() if function.__module__ == "robolamp.evolve.fitness"}
+    shipped = {name for name, function in terms().items() if function.__module__ == "robolamp.evolve.tasks.fitness"}
     rows = table(TASKS, "term", "what it is") + table(TASKS, "term", "of a figure")
     assert {row[0] for row in rows} == shipped
 

@@ -14,7 +14,7 @@ from robolamp.emulator.reality.draw import KINDS, random_knob, random_reality
 from robolamp.emulator.reality.file import NONE, Reality, load_reality
 from robolamp.errors import FileError
 from robolamp.twin.bend import Bend
-from robolamp.twin.random_lamps import LampLaw
+from robolamp.twin.variation.random_lamps import LampLaw
 
 from .test_emulated_lamp import LAMP, Client
 

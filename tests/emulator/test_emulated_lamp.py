@@ -15,8 +15,8 @@ from robolamp.emulator.reality.file import Reality, load_reality
 from robolamp.emulator.servo.drive import Drive
 from robolamp.errors import FileError, RobolampError
 from robolamp.lamp import load_lamp
-from robolamp.twin.lamp_body import Body
 from robolamp.twin.lamp_model import build
+from robolamp.twin.lanes.lamp_body import Body
 
 from .parts import Status, instruction, read, u16, write
 

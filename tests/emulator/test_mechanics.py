@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from robolamp.emulator.reality.file import Reality
 from robolamp.foot.protocol import Decoder
-from robolamp.twin.gears import TEETH
+from robolamp.twin.actuators.gears import TEETH
 
 from .test_emulated_lamp import LAMP, RAD_PER_COUNT, Client
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
-from robolamp.evolve.task import Task, load_task
+from robolamp.evolve.tasks.task import Task, load_task
 from robolamp.lamp import load_lamp
 
 ASSETS = Assets()

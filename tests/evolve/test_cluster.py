@@ -25,14 +25,14 @@ from robolamp.errors import RobolampError
 from robolamp.evolve.cluster import Cluster
 from robolamp.evolve.evolution import evolve
 from robolamp.evolve.platform import differences, machine
-from robolamp.evolve.task import load_task
+from robolamp.evolve.tasks.task import load_task
 from robolamp.figure import load_figure
 from robolamp.twin.bend import Bend
 from robolamp.twin.figure_model import build_figure
-from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.judge import Outcome
-from robolamp.twin.key_poses import KeyPose
+from robolamp.twin.judges.key_poses import KeyPose
+from robolamp.twin.judges.lamp_judge import Outcome
 from robolamp.twin.lamp_model import TwinModel, build
+from robolamp.twin.lanes.fleet import Fleet, Job
 
 from .parts import ASSETS, CALIBRATION, LAMP
 

@@ -8,8 +8,8 @@ from robolamp.controller.expression import Expression, parse_list, subtree_end
 from robolamp.controller.program import compile_program
 from robolamp.controller.simplify import simplify
 from robolamp.controller.terminals import all_terminals
-from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.lamp_model import build
+from robolamp.twin.lanes.fleet import Fleet, Job
 
 from .parts import ASSETS, CALIBRATION, LAMP
 

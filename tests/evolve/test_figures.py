@@ -9,11 +9,11 @@ import pytest
 from robolamp.controller.controller_file import load_controller
 from robolamp.errors import FileError, RobolampError
 from robolamp.evolve.evolution import evolve, resume
-from robolamp.evolve.fitness import HOPELESS, terms, weighted
-from robolamp.evolve.fitness_cases import poisson_disk_plane
-from robolamp.evolve.task import Task, load_task
+from robolamp.evolve.tasks.fitness import HOPELESS, terms, weighted
+from robolamp.evolve.tasks.fitness_cases import poisson_disk_plane
+from robolamp.evolve.tasks.task import Task, load_task
 from robolamp.figure import Figure, load_figure
-from robolamp.twin.figure_judge import FigureOutcome
+from robolamp.twin.judges.figure_judge import FigureOutcome
 
 from .parts import ASSETS, CALIBRATION, LAMP
 

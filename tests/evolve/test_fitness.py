@@ -6,8 +6,8 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from robolamp.evolve.fitness import HOPELESS, term, terms, terms_of, weighted
-from robolamp.twin.judge import Outcome
+from robolamp.evolve.tasks.fitness import HOPELESS, term, terms, terms_of, weighted
+from robolamp.twin.judges.lamp_judge import Outcome
 
 LANES = 2
 
@@ -59,12 +59,12 @@ def test_terms_are_weighted_and_nonsense_is_hopeless() -> None:
 def test_no_term_sees_what_the_envelope_did() -> None:
     seen = []
     mine = {"spy": lambda shown: seen.append(shown.interventions.sum()) or np.zeros(LANES)}
-    with mock.patch("robolamp.evolve.fitness._TERMS", mine):
+    with mock.patch("robolamp.evolve.tasks.fitness._TERMS", mine):
         weighted(outcome(interventions=[3, 4]), {"spy": 1.0})
     assert seen == [0]
 
 
 def test_a_term_of_ones_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robolamp.evolve.fitness._TERMS", dict(terms()))
+    monkeypatch.setattr("robolamp.evolve.tasks.fitness._TERMS", dict(terms()))
     term("leaning")(lambda outcome: outcome.max_tilt)
     assert weighted(outcome(max_tilt=[0.1, 0.2]), {"leaning": 10.0}) == pytest.approx([1.0, 2.0])

@@ -14,10 +14,10 @@ from robolamp.controller.gene import expressed, parse_gene
 from robolamp.controller.primitives import PRIMITIVES
 from robolamp.controller.terminals import on_board_terminals
 from robolamp.errors import ExpressionError, FileError
-from robolamp.evolve.gep import Chromosome, Genes
-from robolamp.evolve.gep_operators import brought_first, first_function, reading_frame
-from robolamp.evolve.gep_settings import GepSettings
-from robolamp.evolve.task import load_task
+from robolamp.evolve.representations.gep import Chromosome, Genes
+from robolamp.evolve.representations.gep_operators import brought_first, first_function, reading_frame
+from robolamp.evolve.tasks.gep_settings import GepSettings
+from robolamp.evolve.tasks.task import load_task
 
 from .parts import ASSETS, LAMP, task
 

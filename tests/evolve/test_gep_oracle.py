@@ -10,7 +10,7 @@ import pytest
 
 from robolamp.controller.gene import Gene
 from robolamp.controller.primitives import PRIMITIVES
-from robolamp.evolve.gep_operators import between, swap, transposed
+from robolamp.evolve.representations.gep_operators import between, swap, transposed
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of geppy and DEAP, guests here

@@ -18,7 +18,7 @@ from robolamp.errors import FileError, RobolampError
 from robolamp.evolve.breeding import represent
 from robolamp.evolve.evolution import evolve, resume
 from robolamp.evolve.progress import Generation, Result
-from robolamp.evolve.task import load_task
+from robolamp.evolve.tasks.task import load_task
 
 from .parts import ASSETS, CALIBRATION, LAMP, walk
 

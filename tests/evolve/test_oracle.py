@@ -13,8 +13,8 @@ from robolamp.controller.expression import Expression, depth, subtree_end
 from robolamp.controller.primitives import PRIMITIVES
 from robolamp.controller.program import ProgramSet, compile_program
 from robolamp.controller.terminals import all_terminals
-from robolamp.evolve.task import load_task
-from robolamp.evolve.tree import Breeder, Genome
+from robolamp.evolve.representations.tree import Breeder, Genome
+from robolamp.evolve.tasks.task import load_task
 
 from .parts import ASSETS
 

@@ -15,9 +15,9 @@ from robolamp.controller.expression import parse
 from robolamp.evolve.evolution import evolve
 from robolamp.evolve.progress import Result
 from robolamp.evolve.race import Contest, Memory, Race, fitness, key
+from robolamp.evolve.representations.tree import Genome
 from robolamp.evolve.selection import winner
-from robolamp.evolve.task import Task
-from robolamp.evolve.tree import Genome
+from robolamp.evolve.tasks.task import Task
 from robolamp.evolve.trial import MAIN, MEASURES, STYLE, Case
 from robolamp.twin.trace import Trace
 

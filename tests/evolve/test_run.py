@@ -15,13 +15,13 @@ from robolamp.errors import FileError, RobolampError
 from robolamp.evolve.evolution import evolve
 from robolamp.evolve.progress import Generation, Result
 from robolamp.evolve.race import fitness
-from robolamp.evolve.task import Task
-from robolamp.evolve.tree import Genome, constants
+from robolamp.evolve.representations.tree import Genome, constants
+from robolamp.evolve.tasks.task import Task
 from robolamp.evolve.trial import Trials, draw_cases
 from robolamp.evolve.tune import tune
 from robolamp.twin.bend import Bend
-from robolamp.twin.fleet import Fleet
 from robolamp.twin.lamp_model import build
+from robolamp.twin.lanes.fleet import Fleet
 
 from .parts import ASSETS, CALIBRATION, LAMP, task
 
@@ -156,7 +156,7 @@ def test_more_lanes_than_fit_at_once_give_the_same(tmp_path: Path, monkeypatch: 
     tiny = task(tmp_path, ("count = 1", "count = 3"))
     genomes = [genome("0", "0", str(value / 10)) for value in range(5)]
     whole = score_of(tiny, genomes)
-    monkeypatch.setattr("robolamp.twin.fleet._LANES_AT_ONCE", 4)
+    monkeypatch.setattr("robolamp.twin.lanes.fleet._LANES_AT_ONCE", 4)
     parts = score_of(tiny, genomes)
     assert whole.main.tolist() == parts.main.tolist()
     assert whole.style.tolist() == parts.style.tolist()

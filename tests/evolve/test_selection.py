@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from robolamp.evolve.fitness import HOPELESS
 from robolamp.evolve.selection import crowding, draw_tournament, lexicase, pareto, proportionate, winner
+from robolamp.evolve.tasks.fitness import HOPELESS
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # of DEAP, a guest here

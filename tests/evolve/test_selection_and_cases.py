@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robolamp.errors import RobolampError
-from robolamp.evolve.fitness_cases import poisson_disk
 from robolamp.evolve.selection import draw_tournament, winner
-from robolamp.evolve.task import load_task
+from robolamp.evolve.tasks.fitness_cases import poisson_disk
+from robolamp.evolve.tasks.task import load_task
 from robolamp.evolve.trial import draw_cases
 
 from .parts import ASSETS

@@ -7,11 +7,11 @@ import pytest
 
 from robolamp.controller.terminals import all_terminals, on_board_terminals
 from robolamp.errors import FileError, RobolampError
-from robolamp.evolve.task import load_task
-from robolamp.evolve.task_twins import compiled
-from robolamp.twin.fleet import Fleet
-from robolamp.twin.gears import RIGID
+from robolamp.evolve.tasks.task import load_task
+from robolamp.evolve.tasks.task_twins import compiled
+from robolamp.twin.actuators.gears import RIGID
 from robolamp.twin.lamp_model import Pole, TwinModel
+from robolamp.twin.lanes.fleet import Fleet
 
 from .parts import ASSETS, CALIBRATION, LAMP, TINY, task
 

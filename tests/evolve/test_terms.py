@@ -9,12 +9,12 @@ import pytest
 from robolamp.errors import FileError, RobolampError
 from robolamp.evolve import fitness
 from robolamp.evolve.evolution import evolve
-from robolamp.evolve.task import load_task
+from robolamp.evolve.tasks.task import load_task
 
 from .parts import ASSETS, CALIBRATION, LAMP, TINY
 
 OWN = """
-from robolamp.evolve.fitness import term
+from robolamp.evolve.tasks.fitness import term
 
 @term("stretch")
 def stretch(outcome):

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from robolamp.controller.expression import Expression, depth, parse, subtree_end
 from robolamp.controller.primitives import PRIMITIVES
 from robolamp.controller.terminals import on_board_terminals
-from robolamp.evolve.task import load_task
-from robolamp.evolve.tree import Breeder, Genome, constants, with_constants
+from robolamp.evolve.representations.tree import Breeder, Genome, constants, with_constants
+from robolamp.evolve.tasks.task import load_task
 
 from .parts import ASSETS, task
 

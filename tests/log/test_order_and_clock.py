@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from robolamp.cli.main import main
-from robolamp.compare.trajectory import of_run
+from robolamp.compare.replays.trajectory import of_run
 from robolamp.errors import FileError
 from robolamp.log.reader import Run, read_run, read_truth
 from robolamp.log.run_context import run_context

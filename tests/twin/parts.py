@@ -12,7 +12,7 @@ from robolamp.controller.expression import parse
 from robolamp.controller.program import Program, compile_program
 from robolamp.controller.terminals import all_terminals
 from robolamp.lamp import load_lamp
-from robolamp.twin.judge import Outcome
+from robolamp.twin.judges.lamp_judge import Outcome
 from robolamp.twin.lamp_model import Bend, TwinModel, build
 
 ASSETS = Assets()

@@ -14,8 +14,8 @@ from robolamp.controller.controller_file import load_controller
 from robolamp.controller.terminals import on_board_terminals
 from robolamp.lamp import load_lamp
 from robolamp.twin.bend import Bend
-from robolamp.twin.fleet import Fleet, Job
 from robolamp.twin.lamp_model import TwinModel, build
+from robolamp.twin.lanes.fleet import Fleet, Job
 
 ASSETS = Assets()
 LAMP = load_lamp(ASSETS)

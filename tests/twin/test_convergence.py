@@ -17,10 +17,10 @@ import pytest
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.lamp import load_lamp
+from robolamp.twin.actuators.motors import Motors, Views
 from robolamp.twin.bend import Bend
-from robolamp.twin.lamp_body import Body
 from robolamp.twin.lamp_model import TwinModel, build
-from robolamp.twin.motors import Motors, Views
+from robolamp.twin.lanes.lamp_body import Body
 
 ASSETS = Assets()
 DESK = load_lamp(ASSETS)

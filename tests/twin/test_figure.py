@@ -13,10 +13,10 @@ from robolamp.assets import Assets
 from robolamp.controller.terminals import figure_terminals
 from robolamp.errors import FileError, RobolampError
 from robolamp.figure import Figure, figures, load_figure
-from robolamp.twin.figure_judge import FigureJudge, FigureOutcome
+from robolamp.twin.engine import STATE
 from robolamp.twin.figure_model import FigureTwin, World, build_figure
-from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.lanes import STATE
+from robolamp.twin.judges.figure_judge import FigureJudge, FigureOutcome
+from robolamp.twin.lanes.fleet import Fleet, Job
 
 from .figures import ASSETS, JUMPER, SPIDER, program, sensed, twin
 

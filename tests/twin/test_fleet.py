@@ -13,10 +13,10 @@ from robolamp.controller.program import compile_program
 from robolamp.errors import RobolampError
 from robolamp.signals import Command
 from robolamp.twin.bend import Bend
-from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.judge import Outcome
-from robolamp.twin.lamp_lanes import SETTLE_TIME
+from robolamp.twin.judges.lamp_judge import Outcome
 from robolamp.twin.lamp_model import TwinModel
+from robolamp.twin.lanes.fleet import Fleet, Job
+from robolamp.twin.lanes.lamp_lanes import SETTLE_TIME
 from robolamp.twin.twin_lamp import TwinLamp
 
 from .parts import ASSETS, FALL, HEAVY, LAMP, PERIOD, STAND, SWAY, TERMINALS, TWIN, N, bent, program, rows

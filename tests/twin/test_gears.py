@@ -17,11 +17,11 @@ from robolamp.emulator.emulated_lamp import EmulatedLamp
 from robolamp.emulator.reality.reality import Reality
 from robolamp.emulator.servo.drive import Drive
 from robolamp.lamp import load_lamp
+from robolamp.twin.actuators.gears import TEETH
 from robolamp.twin.bend import Bend
-from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.gears import TEETH
-from robolamp.twin.lamp_body import Body
 from robolamp.twin.lamp_model import TwinModel, build
+from robolamp.twin.lanes.fleet import Fleet, Job
+from robolamp.twin.lanes.lamp_body import Body
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robolamp.twin.judge import Judge, Outcome
+from robolamp.twin.judges.lamp_judge import Judge, Outcome
 
 from .parts import TWIN, N
 

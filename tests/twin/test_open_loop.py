@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robolamp.twin.lamp_model import build
-from robolamp.twin.open_loop import GoalSchedule, Member, Record, play_bank
+from robolamp.twin.lanes.open_loop import GoalSchedule, Member, Record, play_bank
 
 from .parts import ASSETS, CALIBRATION, LAMP
 

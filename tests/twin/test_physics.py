@@ -12,8 +12,8 @@ import pytest
 
 from robolamp.assets import Assets
 from robolamp.twin.bend import Bend
-from robolamp.twin.lamp_body import Body
 from robolamp.twin.lamp_model import build
+from robolamp.twin.lanes.lamp_body import Body
 
 from .parts import ASSETS, CALIBRATION, LAMP, TWIN, N
 

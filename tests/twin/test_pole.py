@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from robolamp.twin.bend import Bend
-from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.lamp_body import Body
 from robolamp.twin.lamp_model import POLE_RADIUS, Pole, TwinModel, build
+from robolamp.twin.lanes.fleet import Fleet, Job
+from robolamp.twin.lanes.lamp_body import Body
 from robolamp.twin.pictures.render import qpos_of, side_view, strip
 from robolamp.twin.twin_lamp import TwinLamp
 

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.gears import read_beyond
-from robolamp.twin.key_poses import KeyPose, PoseErrors
+from robolamp.twin.actuators.gears import read_beyond
+from robolamp.twin.judges.key_poses import KeyPose, PoseErrors
+from robolamp.twin.lanes.fleet import Fleet, Job
 
 from .parts import FALL, HEAVY, PERIOD, STAND, SWAY, TWIN, N, program, rows
 

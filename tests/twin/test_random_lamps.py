@@ -14,8 +14,8 @@ from robolamp.calibration import Calibration, Parameter, load_calibration
 from robolamp.errors import FileError
 from robolamp.lamp import load_lamp
 from robolamp.twin.lamp_model import build
-from robolamp.twin.random_lamps import LampLaw
-from robolamp.twin.spread import load_spread
+from robolamp.twin.variation.random_lamps import LampLaw
+from robolamp.twin.variation.spread import load_spread
 
 ASSETS = Assets()
 LAMP = load_lamp(ASSETS)

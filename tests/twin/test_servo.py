@@ -10,11 +10,11 @@ import pytest
 
 from robolamp.calibration import SERVO
 from robolamp.errors import FileError
+from robolamp.twin.actuators.motors import Motors, Views
+from robolamp.twin.actuators.servo import friction_loss
 from robolamp.twin.bend import Bend
-from robolamp.twin.lamp_body import Body
 from robolamp.twin.lamp_model import build
-from robolamp.twin.motors import Motors, Views
-from robolamp.twin.servo import friction_loss
+from robolamp.twin.lanes.lamp_body import Body
 
 from .parts import ASSETS, CALIBRATION, LAMP, TWIN, N, bent
 

@@ -10,7 +10,7 @@ import pytest
 
 from robolamp.assets import Assets
 from robolamp.errors import FileError
-from robolamp.twin.spread import Law, Spread, load_spread
+from robolamp.twin.variation.spread import Law, Spread, load_spread
 
 ASSETS = Assets()
 

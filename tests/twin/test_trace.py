@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 
 from robolamp.controller.envelope import Envelope
 from robolamp.controller.program import Program
+from robolamp.twin.actuators.gears import read_beyond
 from robolamp.twin.bend import Bend
-from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.gears import read_beyond
-from robolamp.twin.judge import Outcome
+from robolamp.twin.judges.lamp_judge import Outcome
+from robolamp.twin.lanes.fleet import Fleet, Job
 from robolamp.twin.trace import Trace, follows
 
 from .parts import FALL, HEAVY, LAMP, PERIOD, STAND, SWAY, TERMINALS, TWIN, N, bent, program, rows

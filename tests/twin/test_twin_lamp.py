@@ -7,8 +7,8 @@ import pytest
 
 from robolamp.errors import SafetyError
 from robolamp.signals import Command
-from robolamp.twin.lamp_body import Body
 from robolamp.twin.lamp_model import build
+from robolamp.twin.lanes.lamp_body import Body
 from robolamp.twin.sensor_model import measure_angle, measure_force
 from robolamp.twin.twin_lamp import TwinLamp
 

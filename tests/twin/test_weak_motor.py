@@ -10,9 +10,9 @@ import pytest
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration, Parameter, load_calibration
 from robolamp.lamp import load_lamp
-from robolamp.twin.lamp_body import Body
-from robolamp.twin.lamp_lanes import settle
 from robolamp.twin.lamp_model import build
+from robolamp.twin.lanes.lamp_body import Body
+from robolamp.twin.lanes.lamp_lanes import settle
 
 ASSETS = Assets()
 LAMP = load_lamp(ASSETS)

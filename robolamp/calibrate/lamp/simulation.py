@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.calibrate.lamp.session import LampRecording
-from robolamp.twin.lamp_lanes import Lamps
+from robolamp.twin.actuators.servo import REFERENCE_TEMPERATURE
 from robolamp.twin.lamp_model import TwinModel
-from robolamp.twin.open_loop import goals_by_step
-from robolamp.twin.servo import REFERENCE_TEMPERATURE
+from robolamp.twin.lanes.lamp_lanes import Lamps
+from robolamp.twin.lanes.open_loop import goals_by_step
 
 Array = NDArray[np.float64]
 

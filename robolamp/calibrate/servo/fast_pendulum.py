@@ -19,8 +19,7 @@ from robolamp.calibrate.servo.recordings import Recording
 from robolamp.calibration import JOINT, SERVO
 from robolamp.errors import FileError
 from robolamp.jit import njit
-from robolamp.twin.pendulum_model import POINT, Load
-from robolamp.twin.servo import (
+from robolamp.twin.actuators.servo import (
     FIRM,
     OPEN,
     QUICK,
@@ -32,6 +31,7 @@ from robolamp.twin.servo import (
     viscous_friction,
     voltage_gain,
 )
+from robolamp.twin.pendulum_model import POINT, Load
 
 Array = NDArray[np.float64]
 

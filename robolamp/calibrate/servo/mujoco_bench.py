@@ -1,6 +1,6 @@
 """A servo with a pendulum on its shaft, in MuJoCo: many recordings and many parameter sets at once, open loop.
 
-The motor is `robolamp.twin.motors`', as in the lamp's twin. A goal that changes
+The motor is `robolamp.twin.actuators.motors`', as in the lamp's twin. A goal that changes
 between two steps counts in each for its share, so that results are smooth in the delay.
 """
 
@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from robolamp.calibrate.servo.fast_pendulum import COLUMN, PARAMETERS, TIMESTEP, Track, goal_of_step, require_pendulum
 from robolamp.calibrate.servo.recordings import Recording
 from robolamp.jit import njit
-from robolamp.twin.lanes import deal
-from robolamp.twin.motors import Motors, Views
+from robolamp.twin.actuators.motors import Motors, Views
+from robolamp.twin.actuators.servo import ServoParameters
+from robolamp.twin.engine import deal
 from robolamp.twin.pendulum_model import build_pendulum
-from robolamp.twin.servo import ServoParameters
 
 Array = NDArray[np.float64]
 

@@ -32,7 +32,7 @@ from robolamp.cli.run.outcome import (
 )
 from robolamp.cli.run.witness import judged
 from robolamp.cli.screen.output import print_json
-from robolamp.compare.tolerances import load_tolerances
+from robolamp.compare.verdicts.tolerances import load_tolerances
 from robolamp.controller.controller_file import Controller
 from robolamp.emulator.faults.script import Faults, load_faults
 from robolamp.emulator.reality.file import Reality, load_reality

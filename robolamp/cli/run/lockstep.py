@@ -6,8 +6,8 @@ import time
 from pathlib import Path
 from types import TracebackType
 
-from robolamp.cli.emulator_parts import InjectionLog, check_logs
 from robolamp.cli.options import Setup
+from robolamp.cli.run.emulator_parts import InjectionLog, check_logs
 from robolamp.emulator.emulated_lamp import EmulatedLamp
 from robolamp.emulator.faults.script import Faults
 from robolamp.emulator.ports.lockstep import Lockstep

@@ -18,8 +18,8 @@ from rich.text import Text
 
 from robolamp.cli.run.drive import Drive
 from robolamp.cli.screen.output import print_json
-from robolamp.compare.task_verdict import NOT_DONE
-from robolamp.compare.tolerances import Tolerances
+from robolamp.compare.verdicts.task_verdict import NOT_DONE
+from robolamp.compare.verdicts.tolerances import Tolerances
 from robolamp.errors import RobolampError, on_one_line
 from robolamp.log.reader import read_run
 from robolamp.runtime.result import RunResult

@@ -29,7 +29,7 @@ from robolamp.cli.run.outcome import (
 from robolamp.cli.run.stages import STAGES, check_before
 from robolamp.cli.run.witness import judged
 from robolamp.cli.screen.output import print_json
-from robolamp.compare.tolerances import load_tolerances
+from robolamp.compare.verdicts.tolerances import load_tolerances
 from robolamp.controller.controller_file import Controller
 from robolamp.errors import FileError, RobolampError
 from robolamp.lateness import Lateness

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration
 from robolamp.compare.causes.knobs import Change
-from robolamp.compare.ensemble import starts
 from robolamp.compare.pauses import pauses, silent
+from robolamp.compare.verdicts.ensemble import starts
 from robolamp.dynamixel.registers import RAD_PER_COUNT
 from robolamp.dynamixel.wire_time import wire_time
 from robolamp.lamp import Lamp
 from robolamp.log.reader import Run
 from robolamp.twin.lamp_model import TwinModel, build
-from robolamp.twin.open_loop import GoalSchedule, Member, Record, play_bank
+from robolamp.twin.lanes.open_loop import GoalSchedule, Member, Record, play_bank
 
 Array = NDArray[np.float64]
 

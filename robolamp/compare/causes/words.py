@@ -18,9 +18,9 @@ from robolamp.compare.align import JointError
 from robolamp.compare.causes.knobs import SLOW_LINE
 from robolamp.compare.causes.ranking import Account, Explanation
 from robolamp.compare.divergence import SAG
-from robolamp.compare.hop_count import count_hops
 from robolamp.compare.pauses import silent
 from robolamp.compare.servo_settings import wrong_settings
+from robolamp.compare.travel.hop_count import count_hops
 from robolamp.dynamixel.wire_time import wire_time
 from robolamp.lamp import Lamp
 from robolamp.log.reader import Run, Truth

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from robolamp.compare.folder.folder_runs import Folder, Row
 from robolamp.compare.report.comparison_page import document, text
 from robolamp.compare.report.svg_plots import FAINT, LAMP, STYLE, TWIN, svg
-from robolamp.compare.task_verdict import DONE
-from robolamp.compare.twin_verdict import CANNOT_SAY, INSIDE
+from robolamp.compare.verdicts.task_verdict import DONE
+from robolamp.compare.verdicts.twin_verdict import CANNOT_SAY, INSIDE
 from robolamp.files import write_atomic
 
 

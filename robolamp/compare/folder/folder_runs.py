@@ -16,16 +16,16 @@ import numpy as np
 from robolamp.assets import Assets
 from robolamp.calibration import Calibration
 from robolamp.compare.compare_logs import compare_joints, seen
-from robolamp.compare.controller_alone import Alone, alone_of
-from robolamp.compare.ensemble import nearest, starts
-from robolamp.compare.goal_replay import replays
 from robolamp.compare.logged_motion import truth_of
+from robolamp.compare.replays.goal_replay import replays
+from robolamp.compare.replays.trajectory import of_replay
 from robolamp.compare.run_ending import ending_of
-from robolamp.compare.sensed_flights import flights, hops
-from robolamp.compare.task_verdict import DONE, Task, task_of
-from robolamp.compare.tolerances import Tolerances, load_tolerances
-from robolamp.compare.trajectory import of_replay
-from robolamp.compare.twin_verdict import INSIDE, Verdict, verdict_of
+from robolamp.compare.travel.sensed_flights import flights, hops
+from robolamp.compare.verdicts.controller_alone import Alone, alone_of
+from robolamp.compare.verdicts.ensemble import nearest, starts
+from robolamp.compare.verdicts.task_verdict import DONE, Task, task_of
+from robolamp.compare.verdicts.tolerances import Tolerances, load_tolerances
+from robolamp.compare.verdicts.twin_verdict import INSIDE, Verdict, verdict_of
 from robolamp.errors import FileError, RobolampError
 from robolamp.files import all_below, is_file, read_text, shown, suffix_of
 from robolamp.lamp import Lamp, load_lamp

@@ -17,15 +17,15 @@ from PIL import Image
 
 from robolamp.compare.align import JointError
 from robolamp.compare.comparison import Comparison
-from robolamp.compare.controller_alone import Alone
 from robolamp.compare.divergence import BANDS
 from robolamp.compare.pauses import origin
+from robolamp.compare.replays.trajectory import Base
 from robolamp.compare.report.data import moving, page_data
-from robolamp.compare.sensed_flights import Flight
-from robolamp.compare.task_verdict import DONE, NOT_DONE
-from robolamp.compare.task_verdict import cm as _cm
-from robolamp.compare.trajectory import Base
-from robolamp.compare.twin_verdict import CANNOT_SAY, INSIDE
+from robolamp.compare.travel.sensed_flights import Flight
+from robolamp.compare.verdicts.controller_alone import Alone
+from robolamp.compare.verdicts.task_verdict import DONE, NOT_DONE
+from robolamp.compare.verdicts.task_verdict import cm as _cm
+from robolamp.compare.verdicts.twin_verdict import CANNOT_SAY, INSIDE
 from robolamp.files import write_atomic
 from robolamp.log.run_context import PLAYED
 from robolamp.palette import css

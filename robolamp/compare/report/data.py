@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from robolamp.compare.comparison import Comparison
 from robolamp.compare.pauses import origin
-from robolamp.compare.trajectory import Base
+from robolamp.compare.replays.trajectory import Base
 from robolamp.log.reader import Run
-from robolamp.twin.lamp_body import Body
 from robolamp.twin.lamp_model import TwinModel
+from robolamp.twin.lanes.lamp_body import Body
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.emulator.servo.drive import Drive
-from robolamp.twin.motors import Motors
+from robolamp.twin.actuators.motors import Motors
 
 Array = NDArray[np.float64]
 

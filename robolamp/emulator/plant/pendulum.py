@@ -13,9 +13,9 @@ from robolamp.calibration import JOINT, SERVO
 from robolamp.emulator.plant.motor_commands import Driver
 from robolamp.emulator.reality.reality import PerJoint, Reality
 from robolamp.emulator.servo.drive import Drive, Sensed
-from robolamp.twin.motors import Motors, Views
+from robolamp.twin.actuators.motors import Motors, Views
+from robolamp.twin.actuators.servo import ServoParameters
 from robolamp.twin.pendulum_model import Load, build_pendulum
-from robolamp.twin.servo import ServoParameters
 
 _FRICTIONS = {
     "viscous": "viscous", "coulomb": "coulomb", "stribeck": "stribeck", "load_motor": "load_friction",

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from robolamp.emulator.plant.motor_commands import Driver
 from robolamp.emulator.servo.drive import Drive
 from robolamp.errors import RobolampError
-from robolamp.twin.judge import FALLEN_HEAD, FALLEN_TILT
+from robolamp.twin.actuators.motors import LEAST_VOLTAGE, Motors, Views
+from robolamp.twin.judges.lamp_judge import FALLEN_HEAD, FALLEN_TILT
 from robolamp.twin.lamp_model import TwinModel
-from robolamp.twin.motors import LEAST_VOLTAGE, Motors, Views
 
 Array = NDArray[np.float64]
 

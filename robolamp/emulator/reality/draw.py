@@ -19,7 +19,7 @@ from robolamp.assets import Assets
 from robolamp.emulator.reality.reality import Reality
 from robolamp.errors import FileError
 from robolamp.lamp import Lamp
-from robolamp.twin.spread import load_spread
+from robolamp.twin.variation.spread import load_spread
 
 COPPER = 0.0039
 """By which copper's resistance grows [1/K]."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 from robolamp.assets import Assets
 from robolamp.errors import RobolampError
-from robolamp.evolve.task import Task, load_task
+from robolamp.evolve.tasks.task import Task, load_task
 
 TASK = "luxo-1997"
 """The task of the 1997 paper's studies: its tableau."""

@@ -23,8 +23,8 @@ from robolamp.evolve.checkpoint import NAME as CHECKPOINT
 from robolamp.evolve.evolution import evolve, resume
 from robolamp.evolve.progress import Generation
 from robolamp.evolve.study.plan import TASK, Order, Point
-from robolamp.evolve.task import load_task
-from robolamp.evolve.task_twins import compiled
+from robolamp.evolve.tasks.task import load_task
+from robolamp.evolve.tasks.task_twins import compiled
 from robolamp.files import MOST_LOG, alone, parse_json, parse_toml, read_text, read_toml, write_atomic
 from robolamp.lamp import Lamp
 from robolamp.twin.lamp_model import fingerprint

@@ -14,11 +14,11 @@ from robolamp.controller.controller_file import Controller
 from robolamp.controller.terminals import terminals_of
 from robolamp.evolve.study.claims import ARRIVES, Shares
 from robolamp.evolve.study.plan import OWN_GOAL
-from robolamp.evolve.task import Task
+from robolamp.evolve.tasks.task import Task
 from robolamp.lamp import Lamp
-from robolamp.twin.fleet import Fleet, Job
-from robolamp.twin.judge import GOAL_RADIUS
+from robolamp.twin.judges.lamp_judge import GOAL_RADIUS
 from robolamp.twin.lamp_model import build
+from robolamp.twin.lanes.fleet import Fleet, Job
 
 WITHIN = np.linspace(0.05, 0.60, 56)
 """Goals inside the range that robust controllers are evolved on [m]."""

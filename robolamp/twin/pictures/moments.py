@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.twin.figure_model import FigureTwin
-from robolamp.twin.judge import HOP_CLEARANCE
+from robolamp.twin.judges.lamp_judge import HOP_CLEARANCE
 from robolamp.twin.lamp_model import TwinModel
 
 _SHORTEST = 0.06  # [s]: feet that rebound are off the floor for 44 to 56 ms, those of a hop for 120 and more

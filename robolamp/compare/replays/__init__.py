@@ -1,0 +1,1 @@
+"""What was recorded, simulated again: by its goals, or by its controller."""

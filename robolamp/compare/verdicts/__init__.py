@@ -1,0 +1,1 @@
+"""Did the run do its task, and is the lamp still its twin?"""

@@ -1,0 +1,1 @@
+"""What individuals are made of: Koza's trees, Ferreira's chromosomes."""

@@ -1,0 +1,1 @@
+"""What a run truly did, and how good that was."""

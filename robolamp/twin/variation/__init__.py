@@ -1,0 +1,1 @@
+"""How lamps of one design differ, and lamps drawn by it."""
