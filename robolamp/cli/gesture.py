@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
 from robolamp.assets import Assets
 from robolamp.cli.options import Setup
 from robolamp.cli.options import seconds as between
+from robolamp.cli.run.played import HERE, Player
 from robolamp.cli.screen.output import counted, print_json
 from robolamp.errors import FileError, RobolampError
 from robolamp.lamp import load_lamp
@@ -89,19 +90,7 @@ def play(
     *,
     speed: float | None = None,
     loops: int | None = None,
-    port: str | None = None,
-    foot_port: str | None = None,
-    stage: Literal["shadow", "gentle", "full"] | None = None,
-    after: Path | None = None,
-    force: Annotated[bool, Parameter(negative="")] = False,
-    fix: Annotated[bool, Parameter(negative="")] = False,
-    reality: str | None = None,
-    lockstep: Annotated[bool, Parameter(negative="")] = False,
-    calibration: str = "nominal",
-    lamp: Path | None = None,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
-    browse: Annotated[bool, Parameter(name="--open", negative="")] = False,
-    as_json: Json = False,
+    player: Player = HERE,
 ) -> int:
     """Play a gesture: on the emulated lamp, or with --port on the physical one.
 
@@ -113,32 +102,14 @@ def play(
         gesture: A gesture file, or the name of a shipped one (nod).
         speed: How much faster than its file has it.
         loops: How many times over.
-        port: Serial port of the servos: play it on the physical lamp there.
-        foot_port: Serial port of the foot sensor; by default foot.port of hardware/lamp.toml.
-        stage: With --port, how much of itself the lamp may use: shadow (torque stays off), gentle, full; see
-            `robolamp deploy --help`.
-        after: The log of the stage before, which gentle and full need.
-        force: Run --stage gentle or full without the log of the stage before.
-        fix: With --port, mend wrong servo settings (EEPROM) first.
-        reality: Without --port, how the emulated lamp differs from its twin, as dry-run takes it (worn).
-        lockstep: Without --port, run lamp and loop by turns in one process, in virtual time.
-        calibration: Calibration, the twin's numbers: a file, or a name in calibration/.
-        lamp: Folder of your own lamp, as `robolamp new` makes it.
-        output: Folder for log and report; by default a new one in runs/.
-        browse: Without --port, play the run in the browser at the end.
-        as_json: Print one JSON object.
+        player: Where and how.
     """
-    setup = Setup.of(lamp, calibration)
-    found = _loaded(setup, gesture, speed, loops)
+    found = _loaded(player.setup, gesture, speed, loops)
 
     from robolamp.cli.run.gesture_check import check_gesture
-    from robolamp.cli.run.played import Player
     from robolamp.pose.gesture import PERIOD
 
-    player = Player(
-        setup, calibration, lamp, port, foot_port, stage, after, force, fix, reality, lockstep, browse, output, as_json
-    )
-    check_gesture(found, setup)
+    check_gesture(found, player.setup)
     return player.play(found, found.goal, found.duration + PERIOD)  # the last goal is its last pose
 
 
