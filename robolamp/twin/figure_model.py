@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from robolamp.assets import Assets
 from robolamp.errors import FileError
 from robolamp.figure import POINT, Figure
-from robolamp.files import read_bytes
 from robolamp.twin.engine import state_of
-from robolamp.twin.lamp_model import TwinModel, quiet
+from robolamp.twin.lamp_model import TwinModel
+from robolamp.twin.model_file import load_spec
 
 _SETTLE_TIME = 0.5  # how long a figure stands before a run, its motors at zero velocity [s]
 
@@ -115,15 +115,8 @@ def build_figure(
         FileError: The model does not load, or lacks a joint, drive, body or sensor that the description names.
     """
     world = world or World()
-    quiet()
     path = assets.path(figure.model)
-    read_bytes(path)  # refuses what MuJoCo would read without end
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
-        raise FileError(f"not a MuJoCo model: {' '.join(str(error).split())}", str(path)) from None
-    if timestep is not None:
-        spec.option.timestep = timestep
+    spec = load_spec(path, timestep)
     _check(spec, figure, str(path))
     for joint in figure.joints:
         spec.joint(joint.name).range = [joint.lower, joint.upper]

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from robolamp.assets import Assets
 from robolamp.calibration import SERVO, Calibration
 from robolamp.errors import FileError
-from robolamp.files import read_bytes
 from robolamp.lamp import Lamp
 from robolamp.twin.actuators.encoders import Encoders
 from robolamp.twin.actuators.gears import Gears, add_gears
 from robolamp.twin.actuators.servo import ServoParameters, hold, set_motor
 from robolamp.twin.bend import Bend
+from robolamp.twin.model_file import load_spec
 
 Array = NDArray[np.float64]
 
@@ -121,14 +121,6 @@ class TwinModel:
         return f"{self.lamp.source}flight_time = {self.lamp.flight_time:g}\n"
 
 
-def quiet() -> None:
-    """Keep MuJoCo from writing MUJOCO_LOG.TXT into the working directory: its warning counters tell us the same."""
-    config = mujoco.MjLogConfig.get()
-    config.logto_file = False
-    config.logto_console = False
-    mujoco.MjLogConfig.set(config)
-
-
 def _bent(servos: ServoParameters, bend: Bend) -> ServoParameters:
     rubbing, load = bend.friction, bend.friction * bend.load_friction
     return replace(
@@ -218,15 +210,8 @@ def build(
         FileError: The model does not load, or lacks a joint, actuator, sensor or site that the lamp needs.
     """
     bend = bend or Bend()
-    quiet()
     path = assets.path(lamp.model)
-    read_bytes(path)  # refuses what MuJoCo would read without end
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
-        raise FileError(f"not a MuJoCo model: {' '.join(str(error).split())}", str(path)) from None
-    if timestep is not None:
-        spec.option.timestep = timestep
+    spec = load_spec(path, timestep)
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_EULERDAMP  # see `robolamp.twin.actuators.gears`
     servos = _bent(ServoParameters.of(lamp, calibration), bend)
