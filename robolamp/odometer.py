@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -128,6 +129,7 @@ class Odometer:
         return np.clip((features - self.mean) / self.scale, -_CLIP, _CLIP)
 
 
+@lru_cache(maxsize=4)
 def parse_odometer(text: str, where: str) -> Odometer:
     """Read an odometer from the text of its file.
 

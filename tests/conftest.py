@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+os.environ.setdefault("MUJOCO_GL", "disabled")  # side views, sooner than OpenGL in software; tests of pictures ask for it
+
 settings.register_profile("robolamp", deadline=None)  # numba compiles on first use, and machines are busy
 settings.load_profile("robolamp")
 
@@ -69,3 +71,11 @@ def _nothing_left_behind() -> Iterator[None]:
     if _MUJOCO_LOG.exists() and not log:
         problems.append(f"{_MUJOCO_LOG} written to {Path.cwd()}")
     assert not problems, "; ".join(problems)
+
+
+@pytest.fixture
+def opengl(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> bool:
+    """Whether a test draws with OpenGL, as its parameter says."""
+    if request.param:
+        monkeypatch.setenv("MUJOCO_GL", "0")
+    return request.param

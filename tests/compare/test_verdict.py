@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,10 +19,11 @@ from robolamp.compare.replays.trajectory import of_replay, of_run
 from robolamp.compare.run_ending import ending_of
 from robolamp.compare.travel.landing import Landing, landing_of
 from robolamp.compare.travel.sensed_flights import Flight, Hop, flights, hops
-from robolamp.compare.verdicts.controller_alone import Alone, alone_of
+from robolamp.compare.verdicts.controller_alone import RUNS, Alone, alone_of
 from robolamp.compare.verdicts.task_verdict import task_of
 from robolamp.compare.verdicts.tolerances import load_tolerances
 from robolamp.compare.verdicts.twin_verdict import verdict_of
+from robolamp.controller.pilot import Pilot
 from robolamp.emulator.faults.script import Event
 from robolamp.errors import FileError
 from robolamp.log.reader import Run, Truth, read_run, read_truth
@@ -385,3 +387,21 @@ def test_of_two_logs_the_faults_of_both_are_told(good, tmp_path, capsys):
         _, said = compare(capsys, *pair, "--no-diagnosis", "-o", tmp_path / "r.html")
         assert said["verdict"] == "outside"
         assert [text for text in said["verdict_why"] if "knee: no answer" in text], said["verdict_why"]
+
+
+def test_what_was_to_drive_for_minutes_is_driven_until_it_rests(good, monkeypatch):
+    ticks = [0]
+
+    def counted(self: Pilot, *arguments: Any) -> Any:
+        ticks[0] += 1
+        return step(self, *arguments)
+
+    step = Pilot.step
+    monkeypatch.setattr(Pilot, "step", counted)
+    found = []
+    for drives in ("15", "600"):
+        run = dataclasses.replace(read_run(good), context=read_run(good).context | {"duration_s": drives})
+        found.append(alone_of(run, ending_of(run), LAMP, CALIBRATION, ASSETS, 0.015))
+    assert found[0] == found[1]
+    assert found[0].hit
+    assert ticks[0] < 2 * RUNS * 15 / 0.02

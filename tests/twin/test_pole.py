@@ -124,7 +124,7 @@ def test_a_lamp_that_falls_on_it_makes_no_warning() -> None:
     assert not outcome.unstable[0]
 
 
-@pytest.mark.parametrize("opengl", [True, False])
+@pytest.mark.parametrize("opengl", [True, False], indirect=True)
 def test_pictures_show_it(opengl: bool) -> None:
     twin = with_pole(0.2, 0.12)
     pose = qpos_of(twin, (0.0, 0.0, 0.0), np.zeros(N))[None]

@@ -23,7 +23,7 @@ def alive(picture: np.ndarray) -> bool:
     return picture.std() > 15 and len(np.unique(picture.reshape(-1, 3), axis=0)) > 50
 
 
-@pytest.mark.parametrize("opengl", [True, False])
+@pytest.mark.parametrize("opengl", [True, False], indirect=True)
 def test_a_strip_shows_every_pose_side_by_side(opengl: bool) -> None:
     picture = strip(TWIN, POSES, ["0.0 s", "0.5 s"], width=120, height=140, opengl=opengl)
     assert picture.shape == (140 + 24, 2 * 120 + 4, 3)
@@ -70,7 +70,7 @@ def test_the_side_view_moves_with_the_lamp() -> None:
     assert (here != side_view(TWIN, bent, 120, 140)).mean() > 0.03
 
 
-@pytest.mark.parametrize("opengl", [True, False])
+@pytest.mark.parametrize("opengl", [True, False], indirect=True)
 def test_the_goal_is_marked_on_the_floor_where_it_is(opengl: bool) -> None:
     plain, near, far = (
         animation(TWIN, POSES[:1], opengl=opengl, point=point)[0].astype(int)

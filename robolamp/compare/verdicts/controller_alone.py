@@ -38,6 +38,10 @@ LONG = 5.0
 """How long the controller drives where the log does not say, and was cut [s]: what dry-run and deploy take."""
 RUNS = 5
 """How many of the starts a hair apart it drives from: each takes as long as running the log's controller again."""
+STILL = 5.0
+"""A controller that has sent the same goals for so long, to a lamp at rest, is done [s]: chosen; stops in hops are
+shorter. What was to drive for minutes, and was stopped, is judged within seconds."""
+_SAME_GOAL = 0.001  # rad
 LONGEST = 600.0
 """The longest that dry-run and deploy let a controller drive [s]: a log that says more was not made by them."""
 
@@ -97,6 +101,7 @@ def alone_of(run: Run, ending: Ending, lamp: Lamp, calibration: Calibration, ass
     head, axis = head_of(lamps, twin)
     line, arriving, n = round(twin.line_delay / dt), deque[tuple[int, Array]](), len(lamp.joints)
     unknown, fresh, hops = Health.unknown(n), np.zeros(n), [0] * RUNS
+    held, where, since, still = np.zeros((RUNS, n)), begun, 0, False
     for tick in range(round(duration / period)):
         first, last = (round((STAND + moment * period) / dt) for moment in (tick, tick + 1))
         angle, force = measure_angle(motors.angle), measure_force(lamps.force, twin.foot_gain)
@@ -111,7 +116,13 @@ def alone_of(run: Run, ending: Ending, lamp: Lamp, calibration: Calibration, ass
             for pilot, pressed, *seen in zip(pilots, force, angle, velocity, current, strict=True)
         ]
         hops = [step.hops for step in steps]
-        arriving.append((first + line, np.array([step.goal for step in steps])))
+        goals, x = np.array([step.goal for step in steps]), lamps.qpos[:, 0]
+        if np.abs(goals - held).max() > _SAME_GOAL or np.abs(x - where).max() > REST_MOTION:
+            held, where, since = goals, x.copy(), tick
+        still = (tick - since) * period >= STILL
+        if still:
+            break
+        arriving.append((first + line, goals))
         for now in range(first, last):
             while arriving and arriving[0][0] <= now:
                 motors.goal[:] = arriving.popleft()[1]
@@ -119,7 +130,7 @@ def alone_of(run: Run, ending: Ending, lamp: Lamp, calibration: Calibration, ass
             judge.step(every, lamps.qpos, lamps.force, head, axis)
     outcome = judge.outcome(motors.angle, lamps.diverged, np.zeros(RUNS, np.int64))
     travel = outcome.x - begun
-    rests = bool(outcome.motion[0] <= REST_MOTION and outcome.upright[0])
+    rests = bool((still or outcome.motion[0] <= REST_MOTION) and outcome.upright[0])
     return Alone(
         travel=float(travel[0]),
         least=float(travel.min()),
