@@ -54,5 +54,5 @@ def dry_run(
 
     from robolamp.cli.run.emulated_run import EmulatedRun, run_emulated  # after the arguments are checked
 
-    how = EmulatedRun(setup, reality, calibration, lamp, faults, lockstep)
+    how = EmulatedRun(setup, reality, faults, lockstep)
     return run_emulated(how, loaded, distance, duration, goal_time, output=output, browse=browse, as_json=as_json)

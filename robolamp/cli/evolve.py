@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter, validators
 from rich.console import Console
 
-from robolamp.cli.options import Setup
+from robolamp.assets import Assets
+from robolamp.cli.options import NOMINAL, Setup
 from robolamp.cli.screen.evolve_progress import Board
 from robolamp.cli.screen.output import print_json
 from robolamp.controller.controller_file import check_terminals, read_figure
@@ -22,6 +23,7 @@ from robolamp.evolve.checkpoint import NAME as CHECKPOINT
 from robolamp.evolve.evolution import MakeEvaluator, open_run
 from robolamp.evolve.evolution import evolve as run_evolution
 from robolamp.evolve.progress import Result
+from robolamp.evolve.run_record import read_record
 from robolamp.evolve.tasks.fitness import load_terms
 from robolamp.evolve.tasks.task import load_task
 from robolamp.evolve.tasks.task_twins import driven_by
@@ -192,6 +194,17 @@ def _refuse_file(output: Path) -> None:
         raise FileError("is not a folder", f"--output {output}")
 
 
+def _words(record: Mapping[str, Any]) -> list[str]:
+    """Return what gives another verb the lamp and the calibration of a run."""
+    assets = Assets.of(record["lamp"] or None)
+    calibration = record.get("calibration")
+    shipped = calibration is None or Path(calibration) == assets.path(f"calibration/{NOMINAL}.toml").resolve()
+    return [
+        *(("--lamp", record["lamp"]) if record["lamp"] else ()),
+        *(() if shipped else ("--calibration", calibration)),
+    ]
+
+
 def _tell(result: Result, as_json: bool) -> None:
     last = result.generations[-1]
     if as_json:
@@ -208,6 +221,7 @@ def _tell(result: Result, as_json: bool) -> None:
         )
         return
     made, film = (shlex.quote(str(path)) for path in (result.controller, result.controller.with_suffix(".gif")))
+    own = "".join(f" {shlex.quote(word)}" for word in _words(read_record(result.controller.parent)))
     explain, dry_run, render = f"explain {made}", f"dry-run {made} --goal 0.30", f"render {made} -o {film}"
     if read_figure(result.controller) != LAMP:
         verbs = [render]
@@ -215,11 +229,11 @@ def _tell(result: Result, as_json: bool) -> None:
         verbs = [explain, render]  # dry-run refuses what nothing on the lamp measures
     else:
         verbs = [explain, dry_run]
-    following = "".join(f"\n      robolamp {verb}" for verb in verbs)
+    following = "".join(f"\n      robolamp {verb}{own}" for verb in verbs)
     Console().print(
         f"Best fitness {result.best_fitness:.3f} (lower is better) after {last.individuals} individuals in"
         f" {last.wall_s:.0f} s.\n"
         f"Controller: {result.controller}\n"
-        f"Next: robolamp score {made}{following}",
+        f"Next: robolamp score {made}{own}{following}",
         highlight=False, markup=False, soft_wrap=True,
     )  # fmt: skip

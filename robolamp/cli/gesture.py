@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -43,7 +44,8 @@ def list_(*, lamp: Path | None = None, as_json: Json = False) -> int:
     for _, gesture in rows:
         frames = counted(len(gesture.frames), "frame")
         print(f"{gesture.name:<12} {gesture.duration:5.1f} s  {frames:<10} {gesture.says}")
-    print("\nSee one move: robolamp gesture play curious --open")
+    own = [] if lamp is None else ["--lamp", str(lamp)]
+    print(f"\nSee one move: {shlex.join(['robolamp', 'gesture', 'play', 'curious', '--open', *own])}")
     return 0
 
 
@@ -191,7 +193,8 @@ def record(
         )
         return 0
     print(f"{file}: {made}\nlog: {log}")
-    print(f"The lamp cannot play it as it is: {why}" if why else f"See it move: robolamp gesture play {file}")
+    again = shlex.join(["robolamp", "gesture", "play", str(file), *setup.words])
+    print(f"The lamp cannot play it as it is: {why}" if why else f"See it move: {again}")
     return 0
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 import shutil
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -28,34 +28,70 @@ do not change, and it follows robolamp.
 The gestures in sim/lamp/gestures are there to be changed, too, and yours go beside them: `robolamp gesture list --lamp
 {name}` lists them all.
 
-Parts of other lengths: change `hardware/cad/shape.toml`, then `python {name}/hardware/cad/build.py` writes the parts to
-print, sim/lamp/lamp.xml, and limits that the stops ask for (it needs `pip install 'robolamp[cad]'`).
+{about}
 
 1. Your servos' ids, signs, zeros and limits, and your ports: `robolamp setup scan`, then `assign`, `zero`, `foot`, each
    with `--lamp {name}`; they write hardware/lamp.toml.
 2. `robolamp setup check --lamp {name}`: what is still in the way of a run.
-3. `robolamp dry-run hop --lamp {name}`: the same on the emulated lamp; nothing moves on the desk.
-4. `robolamp deploy hop --lamp {name} --stage shadow`, then `gentle`, then `full`.
+{steps}
 """
+
+_PRINTED = """\
+Parts of other lengths: change `hardware/cad/shape.toml`, then `python {name}/hardware/cad/build.py` writes the parts to
+print, sim/lamp/lamp.xml, and limits that the stops ask for (it needs `pip install 'robolamp[cad]'`)."""
+_PRINTED_STEPS = """\
+3. `robolamp dry-run hop --goal 0.3 --lamp {name}`: the same on the emulated lamp; nothing moves on the desk.
+4. `robolamp deploy hop --goal 0.3 --lamp {name} --stage shadow`, then `gentle`, then `full`."""
+
+_OTHER = """\
+Joints from the foot up: yaw, ankle, knee, roll, neck. Where yours are fewer, other ones, or have other servos: change
+the [[joint]] tables of hardware/lamp.toml and, alike, the joints and actuators of sim/lamp/lamp.xml. Each servo's
+numbers are in calibration/nominal.toml. Controllers, gestures and realities name joints, too.
+
+What works on such a lamp: setup, emulate, dry-run, deploy, monitor, evolve, score, explain, render, replay, compare and
+calibrate; gestures and realities that name joints of its own. What does not: robolamp's own controllers, which drive
+three joints (`cycle` here drives five, and `robolamp evolve hop --lamp {name} -o run` begins with it); its odometer
+(`robolamp odometer fit cycle --lamp {name} -o FILE` learns one; name the file in hardware/lamp.toml). There are no
+parts to print."""
+_OTHER_STEPS = """\
+3. `robolamp gesture play shake --lamp {name}`: the same on the emulated lamp; nothing moves on the desk.
+4. `robolamp gesture play shake --lamp {name} --port PORT --stage shadow`, then `gentle`, then `full`.
+5. `robolamp dry-run cycle --goal 0.2 --reality none --lamp {name}` hops as well as its twin. A lamp with weaker servos
+   rocks instead: evolve it."""
 
 
 _CAD = Path("hardware/cad")
+_THREE = 3  # joints of the lamp that can be printed
+_OF_FIVE = {
+    "hardware/lamp.toml": "sim/five/lamp.toml",
+    "sim/lamp/lamp.xml": "sim/five/lamp.xml",
+    "sim/lamp/controllers/cycle.toml": "sim/five/cycle.toml",
+    "sim/lamp/gestures/shake.toml": "sim/five/shake.toml",
+}
+"""What a lamp of five joints has in other files, and where these are."""
 
 
-def _files(assets: Assets) -> dict[str, str]:
+def _files(assets: Assets, joints: int) -> dict[str, str]:
     """What a new folder holds, and what to change there; empty: nothing, others are built with it."""
     scene = load_lamp(assets).model
-    cad = {str(_CAD / path.name): "" for path in sorted(assets.path(str(_CAD / "shape.toml")).parent.glob("*.py"))}
     model = Path(scene).with_name("lamp.xml")
-    meshes = sorted((assets.path(str(model)).parent / "meshes").glob("*.stl"))
+    parts: dict[str, str] = {}
+    if joints == _THREE:
+        shape = assets.path(str(_CAD / "shape.toml"))
+        meshes = sorted((assets.path(str(model)).parent / "meshes").glob("*.stl"))
+        parts = {
+            str(_CAD / shape.name): "lengths of arms, foot, shade: what its printed parts and its model are built from",
+            **{str(_CAD / path.name): "" for path in sorted(shape.parent.glob("*.py"))},
+            **{str(model.parent / "meshes" / path.name): "" for path in meshes},
+        }
     return {
         "hardware/lamp.toml": "servos, signs, zeros, limits, ports, foot sensor",
-        str(_CAD / "shape.toml"): "lengths of arms, foot, shade: what its printed parts and its model are built from",
-        **cad,
         scene: "what stands on the desk",
         str(model): "the lamp's links: lengths, masses, shapes",
-        **{str(model.parent / "meshes" / path.name): "" for path in meshes},
+        **parts,
+        **({} if joints == _THREE else {"sim/lamp/controllers/cycle.toml": "a hop written by hand"}),
         **{str(path.relative_to(path.parents[3])): "" for path in all_gestures(assets)},
+        **({} if joints == _THREE else {"sim/lamp/gestures/shake.toml": ""}),
         "calibration/nominal.toml": "the twin's numbers, as long as nothing is measured",
         "sim/tasks/hop.toml": "what to evolve",
     }
@@ -64,6 +100,7 @@ def _files(assets: Assets) -> dict[str, str]:
 def new(
     directory: Path,
     *,
+    joints: Literal[3, 5] = 3,
     as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
     """Make a folder for your own lamp: copies of description, model, calibration and a task for you to change.
@@ -73,6 +110,8 @@ def new(
 
     Args:
         directory: The folder to make; must not exist yet, or be empty.
+        joints: How many joints the lamp to begin with has: 3, robolamp's own, with parts to print; or 5, on a turntable
+            and with a head that rolls, from which lamps with other joints or servos are made.
         as_json: Print one JSON object.
     """
     assets = Assets()
@@ -81,18 +120,23 @@ def new(
             raise FileError("is not empty; expected a folder that does not exist yet, or an empty one", str(directory))
         if directory.exists() and not directory.is_dir():
             raise FileError("is a file; expected a folder that does not exist yet", str(directory))
-        files = _files(assets)
+        files = _files(assets, joints)
         directory.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FileError(f"cannot be made: {error.strerror}", str(directory)) from None
+    sources = {} if joints == _THREE else _OF_FIVE
+    about, steps = (_PRINTED, _PRINTED_STEPS) if joints == _THREE else (_OTHER, _OTHER_STEPS)
     beside = directory.parent / f".robolamp-{secrets.token_hex(6)}"  # whole or not at all: renamed when it is done
     try:
         beside.mkdir()
         for relative in files:
             (beside / relative).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(assets.path(relative), beside / relative)
+            shutil.copyfile(assets.path(sources.get(relative, relative)), beside / relative)
         rows = "\n".join(f"| `{relative}` | {what} |" for relative, what in files.items() if what)
-        (beside / "README.md").write_text(_README.format(name=directory.name, rows=rows), encoding="utf-8")
+        name = directory.name
+        parts = {"about": about.format(name=name), "steps": steps.format(name=name)}
+        text = _README.format(name=name, rows=rows, **parts)
+        (beside / "README.md").write_text(text, encoding="utf-8")
         beside.rename(directory)
     except OSError as error:
         raise FileError(f"cannot be made: {error.strerror}", str(directory)) from None

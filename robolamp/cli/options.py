@@ -21,6 +21,8 @@ from robolamp.lamp import Lamp, load_lamp
 _LENGTH = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(mm|cm|m)?")
 _COUNT = re.compile(r"[0-9]{1,6}")
 _UNITS = {"mm": 0.001, "cm": 0.01, "m": 1.0, None: 1.0}
+NOMINAL = "nominal"
+"""The calibration of a lamp of which nothing was measured."""
 MAX_GOAL = 5.0
 """Furthest goal that a lamp on a desk may be sent to [m]."""
 
@@ -96,11 +98,13 @@ class Setup:
         assets: Where data files are.
         lamp: Its description.
         calibration: Its calibration.
+        words: What gives another verb the same lamp: "--lamp FOLDER --calibration NAME", of those that were named.
     """
 
     assets: Assets
     lamp: Lamp
     calibration: Calibration
+    words: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, folder: Path | None, calibration: str) -> Setup:
@@ -110,7 +114,9 @@ class Setup:
             FileError: A file is missing or malformed.
         """
         assets = Assets.of(folder)
-        return cls(assets, load_lamp(assets), load_calibration(assets, calibration))
+        own = () if folder is None else ("--lamp", str(folder))
+        numbers = () if calibration == NOMINAL else ("--calibration", calibration)
+        return cls(assets, load_lamp(assets), load_calibration(assets, calibration), (*own, *numbers))
 
     def controller(self, name: str, *, on_board: bool = False, driven: Driven | None = None) -> Controller:
         """Return a controller by path or shipped name.

@@ -53,16 +53,12 @@ class EmulatedRun:
     Attributes:
         setup: The lamp and its twin's numbers.
         reality: How the emulated lamp differs from its twin, as `--reality` takes it.
-        calibration: Those numbers, as `--calibration` takes them.
-        lamp: Folder of one's own lamp; None: the shipped one.
         faults: Script of faults on the emulated bus; None: there are none.
         lockstep: Whether lamp and loop run by turns, in virtual time.
     """
 
     setup: Setup
     reality: str
-    calibration: str
-    lamp: Path | None = None
     faults: Path | None = None
     lockstep: bool = False
 
@@ -110,9 +106,7 @@ def run_emulated(
         if how.lockstep:
             result = lamps.in_lockstep(stop)
         else:
-            options = ["--reality", how.reality, "--calibration", how.calibration, "--truth", str(truth_log)]
-            if how.lamp is not None:
-                options += ["--lamp", str(how.lamp)]
+            options = ["--reality", how.reality, "--truth", str(truth_log), *setup.words]
             if faults is not None:
                 folder.mkdir(parents=True, exist_ok=True)
                 options += ["--faults", str(faults), "--injections", str(injections), "--ports", str(folder)]
@@ -154,9 +148,7 @@ def run_emulated(
             headline = "Where it landed is not known"
             sent = "" if math.isnan(goal) else f" (goal {goal * 100:.1f} cm)"
             rest = f"{sent}; {ended(result)}.\n{account(result)}\n"
-        own = ["--lamp", str(how.lamp)] if how.lamp else []
-        own += ["--calibration", how.calibration] if how.calibration != "nominal" else []
-        again = shlex.join(["robolamp", "replay", str(log), *own])
+        again = shlex.join(["robolamp", "replay", str(log), *setup.words])
         tell(
             headline,
             rest

@@ -126,7 +126,7 @@ def run_physical(
         found = {**comparison.parts, "report": comparison.report} if comparison else {}
         print_json({**facts(plan, result), **found, **plays.facts, **noted(failures)})
     else:
-        ruler = shlex.join(["robolamp", "compare", str(plan.log)])
+        ruler = shlex.join(["robolamp", "compare", str(plan.log), *setup.words])
         tell(
             comparison.word if comparison else f"Run {ended(result)}.",
             (f"{comparison.text}\n" if comparison else " ")

@@ -88,7 +88,7 @@ class Player:
             return run_physical(lamp, act, goal, duration, output=self.output, as_json=self.as_json)
         from robolamp.cli.run.emulated_run import EmulatedRun, run_emulated
 
-        how = EmulatedRun(self.setup, self.reality or _REALITY, self.calibration, self.lamp, lockstep=self.lockstep)
+        how = EmulatedRun(self.setup, self.reality or _REALITY, lockstep=self.lockstep)
         return run_emulated(how, act, goal, duration, output=self.output, browse=self.browse, as_json=self.as_json)
 
 

@@ -144,7 +144,11 @@ def load_reality(name: str | Path, lamp: Lamp, assets: Assets) -> Reality:
     joints = root.table("joint", default={})
     for joint in joints.names():
         if joint not in lamp.names:
-            raise joints.fail(joint, f"no such joint; expected one of {', '.join(lamp.names)}")
+            raise joints.fail(
+                joint,
+                f"no such joint; expected one of {', '.join(lamp.names)}; for this "
+                "lamp: none, random:SEED or a file of its own",
+            )
     own = [joints.table(joint, default={}) for joint in lamp.names]
     values: dict[str, NDArray[np.float64]] = {}
     for key, (low, high, off, unit) in _JOINT.items():
