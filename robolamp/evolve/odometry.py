@@ -33,8 +33,15 @@ Array = NDArray[np.float64]
 DURATION = 8.0
 """Of a run [s]."""
 
-LAMPS = (("spread", 1.0, 0.5), ("spread", 0.5, 0.2), ("spread", 1.5, 0.12), ("spread-narrow", 1.0, 0.18))
-"""What an odometer is learnt on: spreads, factors on them, and shares of the lamps."""
+LAMPS = (
+    ("spread", 1.0, 0.46),
+    ("spread", 0.5, 0.18),
+    ("spread", 1.5, 0.12),
+    ("spread-narrow", 1.0, 0.18),
+    ("spread", 0.0, 0.06),
+)
+"""What an odometer is learnt on: spreads, factors on them, and shares of the lamps. Factor 0: the lamp that all differ
+from, time and again."""
 
 _GOALS = 0.05, 0.60  # [m]
 _LANES = 400  # recorded at once: 30 MB
@@ -73,12 +80,14 @@ class LampGroup:
 
     Attributes:
         twins: The lamps.
+        scale: Factor on the spread that they were drawn from.
         encoder_noise: Standard deviation of each reading, shape (lamps, joints) [rad].
         foot_offset: Added to the foot's force, shape (lamps,) [N].
         foot_delay: How late it comes, shape (lamps,) [s].
     """
 
     twins: Sequence[TwinModel]
+    scale: float
     encoder_noise: Array
     foot_offset: Array
     foot_delay: Array
@@ -109,6 +118,7 @@ def drawn(
     senses = [wide.draw(int(seed), joints, scale) for seed in rng.integers(2**32, size=count)]
     return LampGroup(
         [build(lamp, numbers, assets, bend) for numbers, bend in bent],
+        scale,
         encoder_noise=np.array([each["encoder_noise"] for each in senses]),
         foot_offset=np.array([each["foot_offset"] for each in senses]),
         foot_delay=np.array([each["foot_dead_time"] + each["latency"] for each in senses]),
@@ -123,7 +133,7 @@ class StepTable:
         features: In the order of `robolamp.odometer.feature_names`, shape (k, f).
         length: How far the base truly went, shape (k,) [m].
         controller: Whose step it is, shape (k,).
-        lamp: Of which lamp, shape (k,).
+        lamp: Of which lamp, shape (k,); -1: of the one that others are drawn around.
         run: In which run, shape (k,).
     """
 
@@ -178,7 +188,8 @@ def gather(
 
         table = _collect(lamp, group, controllers, goals, rng, vary, workers, here)
         runs = lamps * len(controllers) * goals
-        tables.append(replace(table, lamp=table.lamp + lamps, run=table.run + runs))
+        who = table.lamp + lamps if group.scale else np.full_like(table.lamp, -1)
+        tables.append(replace(table, lamp=who, run=table.run + runs))
         lamps += len(group.twins)
     return StepTable.join([table for table in tables if len(table.length)] or tables[:1])
 
@@ -299,7 +310,7 @@ def fit(steps: StepTable, lamp: Lamp, controllers: Sequence[Controller], hidden:
         raise RobolampError(f"took {len(steps.length)} steps in all; expected {_FEWEST} or more", "controllers")
     period = controllers[0].control_period
     rng = np.random.default_rng(seed)
-    lamps = np.unique(steps.lamp)
+    lamps = np.unique(steps.lamp[steps.lamp >= 0])
     left_out = np.isin(steps.lamp, rng.permutation(lamps)[: max(1, round(_JUDGED * len(lamps)))])
     known, judged = steps.take(~left_out), steps.take(left_out)
     odometer = _learn(known, judged, lamp, period, hidden, seed)
