@@ -97,7 +97,7 @@ def one(job: tuple[str, str, int, int]) -> tuple[str, str, str, str, float]:
     if kind == "replug":
         at, lasts = float(random.uniform(2.6, 5.0)), float(random.uniform(0.2, 1.5))
         events = (Event("unplugged", at=at, lasts=lasts, port="servo"),)
-    name = "hop-bending" if calibration == "bending" else "hop"
+    name = "hop-bending" if calibration == "bending" else "hop-counting"
     with tempfile.TemporaryDirectory() as folder:
         log, truth = Path(folder) / "log.mcap", Path(folder) / "truth.mcap"
         controller = setup.controller(name, on_board=True)

@@ -80,7 +80,9 @@ def draw(kind: str, number: int, seed: int) -> tuple[Reality, str, float]:
 
 def record(reality: Reality, path: Path) -> None:
     """Write the log of one run on the emulated lamp."""
-    controller = load_controller(assets.named("hop", "sim/lamp/controllers", "controller"), lamp, on_board=True)
+    controller = load_controller(
+        assets.named("hop-counting", "sim/lamp/controllers", "controller"), lamp, on_board=True
+    )
     ports = Lockstep(EmulatedLamp(lamp, calibration, assets, reality), lamp.bus_baud)
     robot = RobotLamp(lamp, ports.servo_port, ports.foot_port, ports.clock)
     pilot = Pilot(controller, lamp, GOAL)

@@ -185,7 +185,7 @@ def one(job: tuple[str, int]) -> Outcome:
     kind, seed = job
     setup = Setup.of(None, "nominal")
     faults, resume = script(kind, seed)
-    controller = setup.controller("hop", on_board=True)
+    controller = setup.controller("hop-counting", on_board=True)
     world = EmulatedLamp(
         setup.lamp, setup.calibration, setup.assets, load_reality("none", setup.lamp, setup.assets), faults=faults
     )

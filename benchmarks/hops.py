@@ -28,7 +28,7 @@ from robolamp.lamp import load_lamp
 from robolamp.twin.lamp_model import build, fingerprint
 
 _NAMES = (  # seeds first
-    "hop", "hop-sighted", "hop-bending-sighted", "hop-bending", "luxo-1997",
+    "hop-counting", "hop-sighted", "hop-bending-sighted", "hop-bending", "hop", "luxo-1997",
     "limbo-22.5cm", "limbo-21cm", "limbo-19cm", "limbo-18cm",
 )  # fmt: skip
 _POLE_AT, _POLE_GOALS, _FOOT = 0.15, "0.28:0.40:13", 0.055

@@ -85,7 +85,17 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=30.0, help="length of the paced run [s]")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "robolamp", "dry-run", "hop", "--goal", "0.30", "--lockstep", "--json"]
+        command = [
+            sys.executable,
+            "-m",
+            "robolamp",
+            "dry-run",
+            "hop-counting",
+            "--goal",
+            "0.30",
+            "--lockstep",
+            "--json",
+        ]
         subprocess.run([*command, "-o", f"{folder}/run"], check=True, capture_output=True)
         run = read_run(Path(folder) / "run" / "log.mcap")
         paced = Path(folder) / "paced.mcap"

@@ -139,7 +139,7 @@ def _nearly(random: Random, setup: Setup) -> Reality:
 def good(random: Random, setup: Setup) -> Trial:
     """Draw a good run."""
     goals = np.arange(0.05, 0.605, 0.01)
-    hop = setup.controller("hop", on_board=True)
+    hop = setup.controller("hop-counting", on_board=True)
     fleet = Fleet([build(setup.lamp, setup.calibration, setup.assets)], hop.control_period, 1)
     program = hop.compile(all_terminals(len(setup.lamp.joints)))
     outcome = fleet.run([program], [Job(0, 0, float(goal)) for goal in goals], DURATION)
@@ -236,7 +236,7 @@ PLACES: tuple[tuple[str, Callable[[Random, Setup], Trial]], ...] = (
 
 def run(setup: Setup, trial: Trial, folder: Path) -> tuple[Run, Truth]:
     """Make a run; returns its log and its truth."""
-    hop, text = setup.controller("hop", on_board=True), ""
+    hop, text = setup.controller("hop-counting", on_board=True), ""
     if trial.constant is not None:
         rows = "\n".join(f'{name} = "{value!r}"' for name, value in zip(setup.lamp.names, trial.constant, strict=True))
         text = 'schema = 1\nname = "constant"\ntask = "none"\ndrive = "position"\ncontrol_period = 0.02\n'

@@ -176,7 +176,7 @@ def procedure(lamp: Lamp) -> tuple[Step, ...]:
                 "Mark with tape where the front of the base stands. When it has hopped, measure how far it went.",
                 "softness of the ground contact and friction of the floor, from flight times and length of the hop",
                 False,
-                controller="hop",
+                controller="hop-counting",
                 goal=goal,
             )
         )

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from robolamp.cli.options import DURATION, GOAL_TIME, Setup, length
+from robolamp.cli.options import DURATION, GOAL_TIME, Setup, length, time_for
 from robolamp.controller.controller_file import check_goal_time
 
 
@@ -19,7 +19,7 @@ def deploy(
     goal_time: Annotated[float | None, GOAL_TIME] = None,
     port: str | None = None,
     foot_port: str | None = None,
-    duration: Annotated[float, DURATION] = 5.0,
+    duration: Annotated[float | None, DURATION] = None,
     calibration: str = "nominal",
     lamp: Path | None = None,
     stage: Literal["shadow", "gentle", "full"] | None = None,
@@ -41,7 +41,7 @@ def deploy(
         goal_time: Time to take for the way in seconds, for a controller that reads goal_time.
         port: Serial port of the servos; by default bus.port of hardware/lamp.toml.
         foot_port: Serial port of the foot sensor; by default foot.port of hardware/lamp.toml.
-        duration: How long the controller drives, in seconds.
+        duration: How long the controller drives, in seconds (8; beyond 64 cm what the goal takes at 8 cm/s).
         calibration: Calibration, the twin's numbers: a file, or a name in calibration/.
         lamp: Folder of your own lamp, as `robolamp new` makes it.
         stage: How much of itself the lamp may use; by default full, without the others before. For a first run, in
@@ -63,4 +63,6 @@ def deploy(
     from robolamp.cli.run.physical_run import PhysicalRun, run_physical  # after the arguments are checked
 
     how = PhysicalRun(setup, port, foot_port, stage, after, force, fix, resume_after_replug)
-    return run_physical(how, loaded, distance, duration, goal_time, output=output, as_json=as_json)
+    return run_physical(
+        how, loaded, distance, duration or time_for(distance), goal_time, output=output, as_json=as_json
+    )

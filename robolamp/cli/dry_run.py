@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from robolamp.cli.options import DURATION, GOAL_TIME, Setup, length
+from robolamp.cli.options import DURATION, GOAL_TIME, Setup, length, time_for
 from robolamp.controller.controller_file import check_goal_time
 
 
@@ -17,7 +17,7 @@ def dry_run(
     *,
     goal: str,
     goal_time: Annotated[float | None, GOAL_TIME] = None,
-    duration: Annotated[float, DURATION] = 5.0,
+    duration: Annotated[float | None, DURATION] = None,
     reality: str = "worn",
     calibration: str = "nominal",
     lamp: Path | None = None,
@@ -36,7 +36,7 @@ def dry_run(
         controller: A controller file, or the name of a shipped one (hop).
         goal: How far to go, as 0.30 (metres) or 30cm.
         goal_time: Time to take for the way in seconds, for a controller that reads goal_time.
-        duration: How long the controller drives, in seconds.
+        duration: How long the controller drives, in seconds (8; beyond 64 cm what the goal takes at 8 cm/s).
         reality: Reality, which says how the emulated lamp differs from its twin: none, a file, or the name of one
             (worn); random:SEED: everything differs; knob:KIND:SEED: one number does, as knob:backlash:7.
         calibration: Calibration, the twin's numbers: a file, or a name in calibration/.
@@ -55,4 +55,6 @@ def dry_run(
     from robolamp.cli.run.emulated_run import EmulatedRun, run_emulated  # after the arguments are checked
 
     how = EmulatedRun(setup, reality, faults, lockstep)
-    return run_emulated(how, loaded, distance, duration, goal_time, output=output, browse=browse, as_json=as_json)
+    return run_emulated(
+        how, loaded, distance, duration or time_for(distance), goal_time, output=output, browse=browse, as_json=as_json
+    )

@@ -66,6 +66,7 @@ _OF_FIVE = {
     "hardware/lamp.toml": "sim/five/lamp.toml",
     "sim/lamp/lamp.xml": "sim/five/lamp.xml",
     "sim/lamp/controllers/cycle.toml": "sim/five/cycle.toml",
+    "sim/lamp/controllers/hop-counting.toml": "sim/five/cycle.toml",  # what calibration hops by
     "sim/lamp/gestures/shake.toml": "sim/five/shake.toml",
 }
 """What a lamp of five joints has in other files, and where these are."""
@@ -89,7 +90,14 @@ def _files(assets: Assets, joints: int) -> dict[str, str]:
         scene: "what stands on the desk",
         str(model): "the lamp's links: lengths, masses, shapes",
         **parts,
-        **({} if joints == _THREE else {"sim/lamp/controllers/cycle.toml": "a hop written by hand"}),
+        **(
+            {}
+            if joints == _THREE
+            else {
+                "sim/lamp/controllers/cycle.toml": "a hop written by hand",
+                "sim/lamp/controllers/hop-counting.toml": "the same, by which `robolamp calibrate` hops",
+            }
+        ),
         **{str(path.relative_to(path.parents[3])): "" for path in all_gestures(assets)},
         **({} if joints == _THREE else {"sim/lamp/gestures/shake.toml": ""}),
         "calibration/nominal.toml": "the twin's numbers, as long as nothing is measured",

@@ -18,7 +18,9 @@ from robolamp.errors import RobolampError
 from robolamp.files import suffix_of
 from robolamp.odometer import load_odometer, save_odometer
 
-CONTROLLERS = ("hop", "hop-sighted", "hop-bending", "hop-bending-sighted", "cycle-sighted", "luxo-1997")
+CONTROLLERS = (
+    "hop-counting", "hop-sighted", "hop-bending", "hop-bending-sighted", "hop", "cycle-sighted", "luxo-1997",
+)  # fmt: skip
 """What the shipped odometer is learnt from."""
 
 _Lamps = Annotated[int, Parameter(validator=validators.Number(gte=10, lte=10_000))]

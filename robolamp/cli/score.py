@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from robolamp.cli.options import DURATION, GOAL_TIME, Setup
+from robolamp.cli.options import DURATION, GOAL_TIME, Setup, time_for
 from robolamp.cli.scoring.controller_stage import stage_of
 from robolamp.cli.scoring.pole_options import pole_of
 from robolamp.cli.scoring.score_figure import figure_keys, print_figure
@@ -24,7 +24,6 @@ from robolamp.twin.lamp_model import Pole, build
 from robolamp.twin.variation.random_lamps import LampLaw
 
 _GOALS = "0.05:0.60:56"  # [m]
-_TIME, _SPEED = 8.0, 0.08  # of a run of the lamp [s], and its least speed to goals beyond that [m/s]
 _ROWS = 12  # of the table that a person reads; --json has every goal
 
 
@@ -109,7 +108,7 @@ def score(
     jobs = stage.jobs(goals, "--goals", _GOALS, seed)
     with bar("simulating", quiet=as_json) as done:
         furthest = max(job.goal for job in jobs)
-        usual = max(_TIME, furthest / _SPEED) if stage.task is None else stage.duration
+        usual = time_for(furthest) if stage.task is None else stage.duration
         outcome = stage.fleet(workers).run([stage.program], jobs, duration or usual, done=done)
     count = len(jobs) // len(stage.twins)
     shape = (count,) if lamps is None else (lamps, count)

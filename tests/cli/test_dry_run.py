@@ -65,7 +65,7 @@ def test_what_it_says_is_in_its_files(ran: tuple[Path, dict]) -> None:
 
 @pytest.mark.realtime
 def test_in_real_time_it_ends_well_and_the_emulator_is_gone(tmp_path: Path) -> None:
-    words = ("--goal", "20cm", "--reality", "none", "-o", str(tmp_path / "run"), "--json")
+    words = ("--goal", "20cm", "--reality", "none", "--duration", "5", "-o", str(tmp_path / "run"), "--json")
     done = robolamp("dry-run", "hop", *words, cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     said = json.loads(done.stdout)
@@ -212,7 +212,7 @@ def test_in_lockstep_it_repeats_and_faults_are_logged(tmp_path: Path) -> None:
     (tmp_path / "faults.toml").write_text(script)
     said = []
     for folder in ("one", "two"):
-        words = ("--goal", "20cm", "--lockstep", "--faults", "faults.toml", "-o", folder, "--json")
+        words = ("--goal", "20cm", "--duration", "4", "--lockstep", "--faults", "faults.toml", "-o", folder, "--json")
         done = robolamp("dry-run", "hop", *words, cwd=tmp_path)
         facts = json.loads(done.stdout)
         assert (tmp_path / folder / "injections.jsonl").read_text().count("dropped") > 3

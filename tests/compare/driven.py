@@ -42,7 +42,7 @@ def constant(folder: Path, *angles: float) -> str:
 def dry_run(
     folder: Path,
     *,
-    controller: str = "hop",
+    controller: str = "hop-counting",
     goal: float = 0.30,
     reality: str = "none",
     stop: float = math.inf,

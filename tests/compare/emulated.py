@@ -37,7 +37,9 @@ def hop(
     `events` go wrong on the bus, after which the run goes on as with --resume-after-replug; `on_event` hears of the
     loop's events, before the log does, which then holds how the servos were set.
     """
-    controller = load_controller(ASSETS.named("hop", "sim/lamp/controllers", "controller"), LAMP, on_board=True)
+    controller = load_controller(
+        ASSETS.named("hop-counting", "sim/lamp/controllers", "controller"), LAMP, on_board=True
+    )
     world = EmulatedLamp(LAMP, CALIBRATION, ASSETS, reality, faults=Faults("script", 1, events=events))
     ports = Lockstep(world, LAMP.bus_baud)
     robot = RobotLamp(LAMP, ports.servo_port, ports.foot_port, ports.clock)

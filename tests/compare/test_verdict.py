@@ -62,10 +62,12 @@ def test_a_good_run_is_done_and_inside_by_the_truth_beside_its_log(good, tmp_pat
     assert said["twin_alone_fell"] is False
 
 
-def test_the_controller_alone_lands_where_score_says(good, tmp_path, capsys):
-    _, said = compare(capsys, good, "--no-diagnosis", "-o", tmp_path / "r.html")
+@pytest.mark.parametrize("controller", ["hop-counting", "hop"])
+def test_the_controller_alone_lands_where_score_says(controller, tmp_path, capsys):
+    log = dry_run(tmp_path / "run", controller=controller)
+    _, said = compare(capsys, log, "--no-diagnosis", "-o", tmp_path / "r.html")
     with pytest.raises(SystemExit):
-        main(["score", "hop", "--goals", "0.30", "--duration", "4", "--json"])
+        main(["score", controller, "--goals", "0.30", "--duration", "4", "--json"])
     scored = json.loads(capsys.readouterr().out)
     assert said["twin_alone_m"] - 0.30 == pytest.approx(scored["errors_m"][0], abs=0.002)
     assert said["twin_alone_hops"] == scored["hops"][0]
@@ -137,7 +139,7 @@ def test_a_lamp_that_nobody_saw_and_that_stood_still_is_not_done(tmp_path, capsy
 
 
 def test_dry_run_tells_the_three_parts_first_on_screen_in_json_and_on_the_page(tmp_path, capsys):
-    words = ["dry-run", "hop", "--goal", "0.3", "--reality", weak(tmp_path), "--duration", "3", "--lockstep"]
+    words = ["dry-run", "hop-counting", "--goal", "0.3", "--reality", weak(tmp_path), "--duration", "3", "--lockstep"]
     with pytest.raises(SystemExit):
         main([*words, "-o", str(tmp_path / "a")])
     told = capsys.readouterr().out.splitlines()[1:]

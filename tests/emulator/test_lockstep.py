@@ -165,7 +165,9 @@ def test_a_port_is_unplugged_by_the_clients_clock() -> None:
 
 def hop(faults: Faults | None = None) -> tuple[RunResult, list[Tick], EmulatedLamp]:
     world, lockstep = rig(faults, "worn")
-    controller = load_controller(Assets().named("hop", "sim/lamp/controllers", "controller"), LAMP, on_board=True)
+    controller = load_controller(
+        Assets().named("hop-counting", "sim/lamp/controllers", "controller"), LAMP, on_board=True
+    )
     pilot = Pilot(controller, LAMP, 0.3, None)
     robot = RobotLamp(LAMP, lockstep.servo_port, lockstep.foot_port, lockstep.clock)
     ticks: list[Tick] = []

@@ -51,7 +51,7 @@ def test_hops_are_made_again_and_shipped_only_if_they_score(tmp_path: Path) -> N
     assert made.origin == "by hand"  # so small a run finds nothing better than its seed, which was written
 
     # One that hits more than the small run finds is not replaced.
-    good = (CONTROLLERS / "hop.toml").read_text()
+    good = (CONTROLLERS / "hop-counting.toml").read_text()
     kept = "\n".join(line if not line.startswith("command") else lines[0] for line in good.splitlines()) + "\n"
     there.write_text(kept)
     done = again(tmp_path)

@@ -67,18 +67,18 @@ def controllers(*names: str) -> list[Controller]:
 
 
 def test_a_law_is_learnt_and_so_is_how_sure_it_is() -> None:
-    learnt = odometry.fit(made_up(6000, 1), LAMP, controllers("hop", "hop-sighted"), 8, 1)
+    learnt = odometry.fit(made_up(6000, 1), LAMP, controllers("hop-counting", "hop-sighted"), 8, 1)
     fresh = made_up(3000, 2)
     error, stderr = odometry.errors(learnt, fresh)
     noisy = fresh.features[:, -1] > 0
     assert np.sqrt(np.mean(error[noisy] ** 2)) == pytest.approx(0.01, rel=0.15)
     assert np.sqrt(np.mean(error[~noisy] ** 2)) < 0.003
     assert np.median(stderr[noisy]) > 3 * np.median(stderr[~noisy])
-    facts = odometry.judge(learnt, fresh, controllers("hop", "hop-sighted"))
+    facts = odometry.judge(learnt, fresh, controllers("hop-counting", "hop-sighted"))
     assert 0.8 < facts["step_standardised"] < 1.25
     assert 0.8 < facts["run_standardised"] < 1.25
     assert learnt.correlation < 0.1  # no lamp has an error of its own
-    assert [row["controller"] for row in facts["by_controller"]] == ["hop", "hop-sighted"]
+    assert [row["controller"] for row in facts["by_controller"]] == ["hop-counting", "hop-sighted"]
     assert {"step_rms_when_left_out_m", "runs_within"} <= set(learnt.scores["by_controller"][0])
 
 
@@ -86,9 +86,9 @@ def test_errors_that_a_lamp_keeps_are_known_to_add_up() -> None:
     hops = made_up(6000, 1)
     own = 0.01 * np.random.default_rng(3).standard_normal(40)
     hops = replace(hops, length=hops.length + own[hops.lamp])
-    learnt = odometry.fit(hops, LAMP, controllers("hop", "hop-sighted"), 8, 1)
+    learnt = odometry.fit(hops, LAMP, controllers("hop-counting", "hop-sighted"), 8, 1)
     assert learnt.correlation > 0.5
-    again = odometry.fit(hops, LAMP, controllers("hop", "hop-sighted"), 8, 1)
+    again = odometry.fit(hops, LAMP, controllers("hop-counting", "hop-sighted"), 8, 1)
     assert np.array_equal(learnt.network.weights, again.network.weights)
 
 
@@ -98,9 +98,9 @@ def test_what_hardly_hops_teaches_nothing() -> None:
     few = odometry.gather(LAMP, [group], controllers("hop-bending-sighted"), 1, rng)
     with pytest.raises(RobolampError, match=r"took \d+ steps in all; expected 200 or more"):
         odometry.fit(few, LAMP, controllers("hop-bending-sighted"), 4, 1)
-    slow = replace(controllers("hop")[0], control_period=0.04)
+    slow = replace(controllers("hop-counting")[0], control_period=0.04)
     with pytest.raises(RobolampError, match=r"different control periods \(hop 0.02 s, hop 0.04 s\)"):
-        odometry.gather(LAMP, [group], [*controllers("hop"), slow], 1, rng)
+        odometry.gather(LAMP, [group], [*controllers("hop-counting"), slow], 1, rng)
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,7 +13,8 @@ from robolamp.lamp import load_lamp
 
 LAMP = load_lamp(Assets())
 CYCLE, HOP, LUXO = (
-    load_controller(shipped() / f"sim/lamp/controllers/{name}.toml", LAMP) for name in ("cycle", "hop", "luxo-1997")
+    load_controller(shipped() / f"sim/lamp/controllers/{name}.toml", LAMP)
+    for name in ("cycle", "hop-counting", "luxo-1997")
 )
 
 

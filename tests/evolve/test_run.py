@@ -121,7 +121,7 @@ def test_a_period_the_physics_cannot_keep_is_refused_before_anything_is_written(
 
 def test_a_seeded_controller_is_tried_in_generation_0(tmp_path: Path) -> None:
     tiny = task(tmp_path, ("generations = 2", "generations = 1"), ("duration = 0.6", "duration = 1.0"))
-    shipped = load_controller(ASSETS.path("sim/lamp/controllers/hop.toml"), LAMP)
+    shipped = load_controller(ASSETS.path("sim/lamp/controllers/hop-counting.toml"), LAMP)
     alone = score_of(tiny, [shipped.expressions])
     result = run(tiny, tmp_path / "run", seeds=[shipped])
     assert result.generations[0].best_fitness <= alone.main[0]

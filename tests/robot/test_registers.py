@@ -308,7 +308,7 @@ def test_a_hop_lands_where_it_did_with_all_that_is_free_off_its_default() -> Non
         ports.clock.sleep_until(1.0)
         robot = RobotLamp(LAMP, port, ports.foot_port, ports.clock)
         robot.open()
-        path = ASSETS.named("hop", "sim/lamp/controllers", "controller")
+        path = ASSETS.named("hop-counting", "sim/lamp/controllers", "controller")
         pilot = Pilot(load_controller(path, LAMP, on_board=True), LAMP, 0.1)
         ports.clock.sleep_until(2.0)
         run(robot, pilot, LAMP, duration=2.0)

@@ -29,7 +29,7 @@ def driven_with(log: Path, *events: Event) -> RunResult:
     reality = load_reality("none", setup.lamp, setup.assets)
     world = EmulatedLamp(setup.lamp, setup.calibration, setup.assets, reality, faults=Faults("x", events=events))
     ports = Lockstep(world, setup.lamp.bus_baud)
-    plan = Drive(setup, setup.controller("hop", on_board=True), 0.2, DURATION, "emulator", log, resume=True)
+    plan = Drive(setup, setup.controller("hop-counting", on_board=True), 0.2, DURATION, "emulator", log, resume=True)
     return drive(plan, Connection(ports.servo_port, ports.foot_port, ports.clock, 0), StopRequest(), True)
 
 

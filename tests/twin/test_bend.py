@@ -20,7 +20,7 @@ from robolamp.twin.lanes.fleet import Fleet, Job
 ASSETS = Assets()
 LAMP = load_lamp(ASSETS)
 NOMINAL = load_calibration(ASSETS)
-HOP = load_controller(ASSETS.path("sim/lamp/controllers/hop.toml"), LAMP).compile(on_board_terminals(3))
+HOP = load_controller(ASSETS.path("sim/lamp/controllers/hop-counting.toml"), LAMP).compile(on_board_terminals(3))
 
 PLAIN = Bend(
     stiffness=40.0, backlash=0.004, encoder_nonlinearity=0.002, resistance=0.05, foot_noise=0.02, floor_tilt=0.002

@@ -22,7 +22,7 @@ from robolamp.twin.twin_lamp import TwinLamp
 from .parts import ASSETS, FALL, HEAVY, LAMP, PERIOD, STAND, SWAY, TERMINALS, TWIN, N, bent, program, rows
 
 SEES_ALL = ("(* 0.3 (- px vx))", "(+ vz (* 0.4 goal_met))", "(- pz (* 0.1 py))")
-HOP = load_controller(ASSETS.path("sim/lamp/controllers/hop.toml"), LAMP).compile(TERMINALS)
+HOP = load_controller(ASSETS.path("sim/lamp/controllers/hop-counting.toml"), LAMP).compile(TERMINALS)
 PROGRAMS = [program(*SWAY), program(*SEES_ALL), HOP, program(*FALL)]
 JOBS = [Job(index, lamp, goal) for index in range(4) for lamp in (0, 1) for goal in (0.01, 0.25, 0.4)]
 

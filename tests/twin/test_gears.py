@@ -141,7 +141,7 @@ def test_the_speed_at_the_horn_is_how_the_angle_there_changes() -> None:
 )
 def test_a_lane_of_the_fleet_is_its_playback_to_the_bit(calibration: Calibration) -> None:
     lamps = [twin(calibration), build(DESK, calibration, ASSETS, Bend(strength=0.95))]
-    hop = load_controller(ASSETS.path("sim/lamp/controllers/hop.toml"), DESK).compile(on_board_terminals(3))
+    hop = load_controller(ASSETS.path("sim/lamp/controllers/hop-counting.toml"), DESK).compile(on_board_terminals(3))
     jobs = [Job(0, lamp, goal) for lamp in (0, 1) for goal in (0.1, 0.3)]
     runs = [Fleet(lamps, 0.02, workers).run([hop], jobs, 1.0, record=True) for workers in (1, 2)]
     traces = [run.trace for run in runs]

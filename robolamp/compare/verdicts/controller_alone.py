@@ -18,6 +18,7 @@ from robolamp.compare.replays.controller_replay import logged_pilot
 from robolamp.compare.replays.goal_replay import duty_of, head_of
 from robolamp.compare.run_ending import Ending
 from robolamp.compare.verdicts.ensemble import starts
+from robolamp.controller.foot_window import FootWindow
 from robolamp.errors import RobolampError
 from robolamp.lamp import Lamp
 from robolamp.log.reader import Run
@@ -101,6 +102,7 @@ def alone_of(run: Run, ending: Ending, lamp: Lamp, calibration: Calibration, ass
     head, axis = head_of(lamps, twin)
     line, arriving, n = round(twin.line_delay / dt), deque[tuple[int, Array]](), len(lamp.joints)
     unknown, fresh, hops = Health.unknown(n), np.zeros(n), [0] * RUNS
+    felt = FootWindow(RUNS, lamp.contact_on, lamp.contact_off)
     held, where, since, still = np.zeros((RUNS, n)), begun, 0, False
     for tick in range(round(duration / period)):
         first, last = (round((STAND + moment * period) / dt) for moment in (tick, tick + 1))
@@ -109,11 +111,20 @@ def alone_of(run: Run, ending: Ending, lamp: Lamp, calibration: Calibration, ass
         steps = [
             pilot.step(
                 Observation(
-                    first * dt, *seen, angle_age=fresh, foot_force=float(pressed), foot_age=0.0, health=unknown
+                    first * dt,
+                    *seen,
+                    angle_age=fresh,
+                    foot_force=float(pressed),
+                    foot_age=0.0,
+                    health=unknown,
+                    foot_mean=float(mean),
+                    foot_contact=float(contact),
                 ),
                 tick * period,
             )
-            for pilot, pressed, *seen in zip(pilots, force, angle, velocity, current, strict=True)
+            for pilot, pressed, mean, contact, *seen in zip(
+                pilots, force, *felt.take(), angle, velocity, current, strict=True
+            )
         ]
         hops = [step.hops for step in steps]
         goals, x = np.array([step.goal for step in steps]), lamps.qpos[:, 0]
@@ -127,6 +138,7 @@ def alone_of(run: Run, ending: Ending, lamp: Lamp, calibration: Calibration, ass
             while arriving and arriving[0][0] <= now:
                 motors.goal[:] = arriving.popleft()[1]
             lamps.step(every)
+            felt.add(measure_force(lamps.force, twin.foot_gain))
             judge.step(every, lamps.qpos, lamps.force, head, axis)
     outcome = judge.outcome(motors.angle, lamps.diverged, np.zeros(RUNS, np.int64))
     travel = outcome.x - begun
