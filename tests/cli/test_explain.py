@@ -67,14 +67,14 @@ def test_for_people(capsys: pytest.CaptureFixture[str], nod: Path) -> None:
 
 
 def test_the_shipped_hop_fits_a_hundred_columns_and_is_whole(capsys: pytest.CaptureFixture[str]) -> None:
-    code, out, _ = call(capsys, "explain", "hop-counting", "--goals", "0.3", "--duration", "2")
+    code, out, _ = call(capsys, "explain", "hop", "--goals", "0.3", "--duration", "2")
     assert code == 0
     lines = out.splitlines()
     assert max(map(len, lines)) <= 100
     begin = next(index for index, line in enumerate(lines) if line.startswith("ankle: reads")) + 2
     end = next(index for index in range(begin, len(lines)) if not lines[index].startswith(" " * 3))
     shown = parse("\n".join(line[10:] for line in lines[begin:end]), all_terminals(3))
-    said = json.loads(call(capsys, "explain", "hop-counting", "--goals", "0.3", "--duration", "1", "--json")[1])
+    said = json.loads(call(capsys, "explain", "hop", "--goals", "0.3", "--duration", "1", "--json")[1])
     assert str(shown) == said["joints"][0]["evolved"]
 
 

@@ -27,7 +27,7 @@ def told(capsys: pytest.CaptureFixture[str], *words: str, code: int | None = Non
 
 
 def test_a_lamp_that_is_not_its_twin_says_how_far_it_came(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["hop-odometer", "--goal", "0.15", "--duration", "5", "--lockstep", "-o", str(tmp_path / "run")]
+    words = ["hop", "--goal", "0.15", "--duration", "5", "--lockstep", "-o", str(tmp_path / "run")]
     facts = told(capsys, "dry-run", *words, "--reality", "loose")
     assert facts["way_m"] == pytest.approx(facts["landed_m"], abs=3 * facts["way_stderr_m"])
     assert facts["way_stderr_m"] < 0.025
@@ -52,13 +52,13 @@ def test_a_lamp_without_an_odometer_refuses_who_needs_one(tmp_path: Path, capsys
     own.write_text("".join(line for line in text if not line.startswith("odometer")), encoding="utf-8")
     for verb in ("dry-run", "score"):
         goal = ["--goal", "0.1", "-o", str(tmp_path / "run")] if verb == "dry-run" else ["--goals", "0.1"]
-        facts = told(capsys, verb, "hop-odometer", *goal, "--lamp", str(tmp_path), code=2)
+        facts = told(capsys, verb, "hop", *goal, "--lamp", str(tmp_path), code=2)
         assert "needs way_left, which this lamp cannot supply" in facts["error"]
     assert not (tmp_path / "run").exists()
-    assert told(capsys, "score", "hop", "--goals", "0.1", "--lamp", str(tmp_path), code=0)["runs"] == 1
+    assert told(capsys, "score", "hop-counting", "--goals", "0.1", "--lamp", str(tmp_path), code=0)["runs"] == 1
     assert "the lamp has none" in told(capsys, "odometer", "score", "--lamp", str(tmp_path), code=2)["error"]
     own.write_text(LAMP.source.replace("sim/lamp/odometer.toml", "sim/lamp/nothing.toml"), encoding="utf-8")
-    assert "sim/lamp/nothing.toml not found" in told(capsys, "score", "hop", "--lamp", str(tmp_path), code=2)["error"]
+    assert "sim/lamp/nothing.toml not found" in told(capsys, "score", "hop-counting", "--lamp", str(tmp_path), code=2)["error"]
 
 
 @pytest.mark.parametrize(

@@ -99,7 +99,7 @@ def test_what_hardly_hops_teaches_nothing() -> None:
     with pytest.raises(RobolampError, match=r"took \d+ steps in all; expected 200 or more"):
         odometry.fit(few, LAMP, controllers("hop-bending-sighted"), 4, 1)
     slow = replace(controllers("hop-counting")[0], control_period=0.04)
-    with pytest.raises(RobolampError, match=r"different control periods \(hop 0.02 s, hop 0.04 s\)"):
+    with pytest.raises(RobolampError, match=r"different control periods \(hop-counting 0.02 s, hop-counting 0.04 s\)"):
         odometry.gather(LAMP, [group], [*controllers("hop-counting"), slow], 1, rng)
 
 
