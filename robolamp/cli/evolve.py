@@ -196,13 +196,11 @@ def _refuse_file(output: Path) -> None:
 
 def _words(record: Mapping[str, Any]) -> list[str]:
     """Return what gives another verb the lamp and the calibration of a run."""
-    assets = Assets.of(record["lamp"] or None)
-    calibration = record.get("calibration")
-    shipped = calibration is None or Path(calibration) == assets.path(f"calibration/{NOMINAL}.toml").resolve()
-    return [
-        *(("--lamp", record["lamp"]) if record["lamp"] else ()),
-        *(() if shipped else ("--calibration", calibration)),
-    ]
+    words = ["--lamp", record["lamp"]] if record["lamp"] else []
+    nominal = Assets.of(record["lamp"] or None).path(f"calibration/{NOMINAL}.toml").resolve()
+    if "calibration" in record and Path(record["calibration"]) != nominal:
+        words += ["--calibration", record["calibration"]]
+    return words
 
 
 def _tell(result: Result, as_json: bool) -> None:

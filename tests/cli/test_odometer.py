@@ -58,7 +58,8 @@ def test_a_lamp_without_an_odometer_refuses_who_needs_one(tmp_path: Path, capsys
     assert told(capsys, "score", "hop-counting", "--goals", "0.1", "--lamp", str(tmp_path), code=0)["runs"] == 1
     assert "the lamp has none" in told(capsys, "odometer", "score", "--lamp", str(tmp_path), code=2)["error"]
     own.write_text(LAMP.source.replace("sim/lamp/odometer.toml", "sim/lamp/nothing.toml"), encoding="utf-8")
-    assert "sim/lamp/nothing.toml not found" in told(capsys, "score", "hop-counting", "--lamp", str(tmp_path), code=2)["error"]
+    facts = told(capsys, "score", "hop-counting", "--lamp", str(tmp_path), code=2)
+    assert "sim/lamp/nothing.toml not found" in facts["error"]
 
 
 @pytest.mark.parametrize(

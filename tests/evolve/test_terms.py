@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from robolamp.errors import FileError, RobolampError
-from robolamp.evolve import fitness
 from robolamp.evolve.evolution import evolve
+from robolamp.evolve.tasks import fitness
 from robolamp.evolve.tasks.task import load_task
 
 from .parts import ASSETS, CALIBRATION, LAMP, TINY
