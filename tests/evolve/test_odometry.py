@@ -92,6 +92,17 @@ def test_errors_that_a_lamp_keeps_are_known_to_add_up() -> None:
     assert np.array_equal(learnt.network.weights, again.network.weights)
 
 
+def test_the_lamp_that_others_are_drawn_around_is_learnt_from_and_never_judged_by() -> None:
+    rng = np.random.default_rng(1)
+    groups = [odometry.drawn(LAMP, SETUP.calibration, ASSETS, "spread", scale, 2, rng) for scale in (1.0, 0.0)]
+    steps = odometry.gather(LAMP, groups, controllers("hop-bending-sighted"), 1, rng)
+    assert set(steps.lamp) == {0, 1, -1}
+    hops = made_up(6000, 1)
+    same = replace(hops, lamp=np.where(hops.lamp < 20, -1, hops.lamp))
+    learnt = odometry.fit(same, LAMP, controllers("hop-counting", "hop-sighted"), 4, 1)
+    assert learnt.scores["steps"] == 4 * 150  # of a fifth of the twenty that were drawn
+
+
 def test_what_hardly_hops_teaches_nothing() -> None:
     rng = np.random.default_rng(1)
     group = odometry.drawn(LAMP, SETUP.calibration, ASSETS, "spread", 1.0, 1, rng)
