@@ -65,6 +65,7 @@ _THREE = 3  # joints of the lamp that can be printed
 _OF_FIVE = {
     "hardware/lamp.toml": "sim/five/lamp.toml",
     "sim/lamp/lamp.xml": "sim/five/lamp.xml",
+    "calibration/nominal.toml": "sim/five/nominal.toml",
     "sim/lamp/controllers/cycle.toml": "sim/five/cycle.toml",
     "sim/lamp/controllers/hop-counting.toml": "sim/five/cycle.toml",  # what calibration hops by
     "sim/lamp/gestures/shake.toml": "sim/five/shake.toml",

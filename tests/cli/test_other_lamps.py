@@ -11,7 +11,10 @@ from typing import Any
 
 import pytest
 
+from robolamp.assets import Assets
+from robolamp.calibration import load_calibration
 from robolamp.cli.main import main
+from robolamp.lamp import SERVO_MODELS
 
 HELD = 'schema = 1\nname = "held"\norigin = "by hand"\ncontrol_period = 0.02\n\n[joints]\n'
 TASK = ("--population", 4, "--generations", 1, "--set", "duration=0.5", "--set", "cases.count=2")
@@ -81,6 +84,15 @@ def test_a_controller_that_holds_it_is_run_and_explained(
     _, made = call(capsys, "evolve", "hop", "-o", tmp_path / "made", "--seed-from", held, *TASK, *own)
     assert len((tmp_path / "made/controller.toml").read_text().split("[joints]")) == 2
     assert made["generations"] >= 1
+
+
+def test_its_numbers_are_the_nominal_ones_and_those_of_other_servos(five: Path) -> None:
+    own, shipped = load_calibration(Assets(five)), load_calibration(Assets())
+    assert {name: own.groups[name] for name in shipped.groups} == shipped.groups
+    assert set(own.groups) - set(shipped.groups) == {"XL330-M077-T", "XL430-W250-T"}
+    for name in set(SERVO_MODELS) & set(own.groups):
+        for key, parameter in own.groups[name].items():
+            assert len(parameter.source) > 8, f"{name}.{key}"
 
 
 def test_gestures_that_name_its_joints_are_its_own(five: Path, capsys: pytest.CaptureFixture[str]) -> None:

