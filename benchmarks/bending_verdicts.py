@@ -8,7 +8,7 @@ twin to the number), hair (a jitter of 0.1 ms, noise of 0.2 mrad), replug (the s
 and nearly (1 % of strength, 3 % of friction and noise: `benchmarks/verdicts.py`). In the others one number is another.
 A row says how many runs were inside, outside and "cannot say", in how many a cause was named that is a knob, and in how
 many the first such cause was the number that is another. With `--calibration nominal` lamp and twin are rigid, and
-`hop` hops.
+`hop-counting` hops.
 """
 
 from __future__ import annotations

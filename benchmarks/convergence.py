@@ -3,7 +3,7 @@
     python benchmarks/convergence.py [--starts 20] [--stiffness 20 100 inf] [--play 0 5] [--steps 1 0.5 0.25]
     python benchmarks/convergence.py --knobs [--starts 20]
     python benchmarks/convergence.py --cost
-    python benchmarks/convergence.py --record hop
+    python benchmarks/convergence.py --record hop-counting
 
 The lamp is sent the goals of a hop that was recorded once for 20, 40 and 60 cm (tests/data/frozen_hop.csv), so nothing
 but the physics decides where it lands. Each line is a lamp and a step: the median landing [cm] over slightly different

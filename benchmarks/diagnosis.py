@@ -2,8 +2,8 @@
 
     python benchmarks/diagnosis.py [--draws 20] [--processes 2] [--seed 1]
 
-A draw is a run of `hop` to 30 cm on the emulated lamp in lockstep (driver, bus, foot sensor, loop and log as in
-`robolamp dry-run`), with one knob of the reality bent by a random size and everything else as calibrated. Sizes are
+A draw is a run of `hop-counting` to 30 cm on the emulated lamp in lockstep (driver, bus, foot sensor, loop and log as
+in `robolamp dry-run`), with one knob of the reality bent by a random size and everything else as calibrated. Sizes are
 uniform over the ranges in KINDS, either way where there are two. Named means: the first entry of the diagnosis is of
 that kind, at that joint.
 """

@@ -6,7 +6,7 @@ Each run is one of the emulated lamp in lockstep, through driver, bus, loop and 
 and is judged as `robolamp compare` judges it. What is true is read by this script from the truth log alone: at rest
 (5 mm at most in the controller's last half second) within 15 mm of the goal, upright, not fallen.
 
-- good: lamps that hardly differ from the twin (noise, 1 % of strength, 3 % of friction), sent where the shipped hop
+- good: lamps that hardly differ from the twin (noise, 1 % of strength, 3 % of friction), sent where `hop-counting`
   lands within 1 cm on the twin.
 - misses: lamps drawn by `--reality random:SEED:SCALE`, the realities loose and worn, and controllers that ask for
   constant angles.
@@ -64,7 +64,7 @@ class Trial:
         what: In words.
         goal: Where it is sent [m].
         reality: How the lamp differs from its twin.
-        constant: Angles that its controller asks for [rad]; None: it is the shipped hop.
+        constant: Angles that its controller asks for [rad]; None: it is `hop-counting`.
         faults: What goes wrong.
         stop: When somebody stops it, on the lamp's clock [s].
         killed: Whether the log is one that a killed process left.

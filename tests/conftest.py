@@ -11,9 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-os.environ.setdefault(
-    "MUJOCO_GL", "disabled"
-)  # side views, sooner than OpenGL in software; tests of pictures ask for it
+os.environ.setdefault("MUJOCO_GL", "disabled")  # side views: OpenGL in software is slow; tests of it ask for it
 
 settings.register_profile("robolamp", deadline=None)  # numba compiles on first use, and machines are busy
 settings.load_profile("robolamp")

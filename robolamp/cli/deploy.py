@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from robolamp.cli.options import DURATION, GOAL_TIME, Setup, length, time_for
-from robolamp.controller.controller_file import check_goal_time
+from robolamp.cli.options import DURATION, GOAL_TIME, Setup, length
+from robolamp.controller.controller_file import check_goal_time, time_for
 
 
 def deploy(

@@ -51,7 +51,8 @@ def explain(
         (0.05:0.60:12). For a figure other than the lamp: X,Y, or LOW:HIGH:COUNT, so many points all round, that far
         away; without it, the goals of its task.
     duration
-        Length of each run in seconds (5, or the time limit of a figure's task).
+        Length of each run in seconds (8, beyond 64 cm what the furthest goal takes at 8 cm/s; or the time limit of a
+        figure's task).
     goal_time
         Time to take for the way in seconds, for a controller that reads goal_time.
     task
@@ -71,7 +72,8 @@ def explain(
         goal_time=goal_time,
     )  # fmt: skip
     loaded, terminals = stage.controller, stage.terminals
-    jobs, each = stage.jobs(goals, "--goals", _GOALS), duration or stage.duration
+    jobs = stage.jobs(goals, "--goals", _GOALS)
+    each = duration or stage.time(jobs)
     ticks = len(jobs) * each / loaded.control_period
     if ticks > _MOST_TICKS:
         raise RobolampError(

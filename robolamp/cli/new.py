@@ -46,15 +46,17 @@ _PRINTED_STEPS = """\
 _OTHER = """\
 Joints from the foot up: yaw, ankle, knee, roll, neck. Where yours are fewer, other ones, or have other servos: change
 the [[joint]] tables of hardware/lamp.toml and, alike, the joints and actuators of sim/lamp/lamp.xml. Each servo's
-numbers are in calibration/nominal.toml. Controllers, gestures and realities name joints, too.
+numbers are in calibration/nominal.toml. Controllers have one expression for each joint: delete that of a joint that you
+take out, from both files in sim/lamp/controllers, and write one for each that you add. Poses of gestures and realities
+name joints, too, but need not name all.
 
 What works on such a lamp: setup, emulate, dry-run, deploy, monitor, evolve, score, explain, render, replay, compare and
 calibrate; gestures and realities that name joints of its own. What does not: robolamp's own controllers, which drive
 three joints (`cycle` here drives five, and `robolamp evolve hop --lamp {name} -o run` begins with it); its odometer
-(`robolamp odometer fit cycle --lamp {name} -o FILE` learns one; name the file in hardware/lamp.toml). There are no
-parts to print."""
+(`robolamp odometer fit cycle --lamp {name} -o FILE` learns one; name the file in hardware/lamp.toml); sequences that
+hop by `hop`. There are no parts to print."""
 _OTHER_STEPS = """\
-3. `robolamp gesture play shake --lamp {name}`: the same on the emulated lamp; nothing moves on the desk.
+3. `robolamp gesture play shake --lamp {name}` plays a gesture on the emulated lamp; nothing moves on the desk.
 4. `robolamp gesture play shake --lamp {name} --port PORT --stage shadow`, then `gentle`, then `full`.
 5. `robolamp dry-run cycle --goal 0.2 --reality none --lamp {name}` hops as well as its twin. A lamp with weaker servos
    rocks instead: evolve it."""

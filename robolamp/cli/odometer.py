@@ -54,7 +54,7 @@ def fit(
         controllers: Controller files, or names of shipped ones; by default the shipped hops.
         output: The file to write (.toml).
         lamps: How many lamps are drawn: most from sim/tasks/spread.toml, some of them half or 1.5 times as far off,
-            and some from spread-narrow.toml.
+            some from spread-narrow.toml, and one in seventeen the calibrated lamp with the spread's play and stiffness.
         goals: How many goals for each controller on each lamp, 5 to 60 cm away.
         vary: Standard deviation by which constants of every other lamp's controller are changed.
         hidden: Size of the network's hidden layer.

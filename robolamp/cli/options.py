@@ -46,14 +46,6 @@ DURATION = Parameter(validator=seconds(0.5, 600.0))
 """How long a controller may drive [s]."""
 
 
-_TIME, _SPEED = 8.0, 0.08  # of a run of the lamp [s], and its least speed to goals beyond that [m/s]
-
-
-def time_for(goal: float) -> float:
-    """Return how long a controller may drive to a goal [m], if nothing else was said: 8 s, and from 64 cm on longer."""
-    return max(_TIME, goal / _SPEED)
-
-
 GOAL_TIME = Parameter(validator=seconds(0.1, 600.0))
 """Time that a controller may be given for the way [s]."""
 

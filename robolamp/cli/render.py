@@ -59,7 +59,8 @@ def render(
             `pip install 'robolamp[video]'`.
         goal: How far a controller is sent, as 0.30 (metres, the default) or 30cm; a log has its own. For a figure other
             than the lamp: X,Y in metres; without it, the first goal of its task.
-        duration: How long a controller drives, in seconds (5, or the time limit of a figure's task).
+        duration: How long a controller drives, in seconds (8, beyond 64 cm what the goal takes at 8 cm/s; or the
+            time limit of a figure's task).
         goal_time: Time to take for the way in seconds, for a controller that reads goal_time.
         pole: Limbo: height of the lower edge of a pole across the way, as 0.20 (metres) or 20cm.
         pole_at: With --pole: its distance ahead of the lamp's start (20cm).
@@ -173,7 +174,7 @@ def _staged(
     if stage.task is None:
         length(goal or _GOAL, "--goal")  # one, and no range
     job, fleet = stage.jobs(goal, "--goal", _GOAL)[0], stage.fleet(1)
-    trace = fleet.run([stage.program], [job], duration or stage.duration, record=True).trace
+    trace = fleet.run([stage.program], [job], duration or stage.time([job]), record=True).trace
     assert trace is not None
     ticks, twin = trace.goals.shape[1], stage.twins[0]
     qpos = fleet.play(job, trace.goals[0, : trace.ticks[0]], ticks)

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from robolamp.cli.options import DURATION, GOAL_TIME, Setup, time_for
+from robolamp.cli.options import DURATION, GOAL_TIME, Setup
 from robolamp.cli.scoring.controller_stage import stage_of
 from robolamp.cli.scoring.pole_options import pole_of
 from robolamp.cli.scoring.score_figure import figure_keys, print_figure
@@ -107,9 +107,7 @@ def score(
                 raise RobolampError("is for lamps that are drawn; give --lamps, too", option)
     jobs = stage.jobs(goals, "--goals", _GOALS, seed)
     with bar("simulating", quiet=as_json) as done:
-        furthest = max(job.goal for job in jobs)
-        usual = time_for(furthest) if stage.task is None else stage.duration
-        outcome = stage.fleet(workers).run([stage.program], jobs, duration or usual, done=done)
+        outcome = stage.fleet(workers).run([stage.program], jobs, duration or stage.time(jobs), done=done)
     count = len(jobs) // len(stage.twins)
     shape = (count,) if lamps is None else (lamps, count)
     if as_json:

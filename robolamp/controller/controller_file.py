@@ -24,6 +24,7 @@ ORIGINS = (EVOLVED, TUNED, BY_HAND)
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,63}")  # it becomes part of a folder's name
 _LONGEST = 64
+_TIME, _SPEED = 8.0, 0.08  # of a run of the lamp [s], and its least speed to goals beyond that [m/s]
 
 
 def slug(text: str) -> str:
@@ -136,6 +137,11 @@ def check_terminals(controller: Controller, supplied: Sequence[str], where: str)
                 f" it supplies {' '.join(supplied)}",
                 where,
             )
+
+
+def time_for(goal: float) -> float:
+    """Return how long a controller may drive to a goal [m], if nothing else was said: 8 s, and from 64 cm on longer."""
+    return max(_TIME, goal / _SPEED)
 
 
 def check_goal_time(controller: Controller, goal_time: float | None) -> None:

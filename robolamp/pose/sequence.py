@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robolamp.assets import Assets
-from robolamp.controller.controller_file import Controller, check_goal_time, load_controller
+from robolamp.controller.controller_file import Controller, check_goal_time, load_controller, time_for
 from robolamp.controller.goal_pilot import GoalPilot
 from robolamp.controller.pilot import Pilot, PilotStep
 from robolamp.ease import MINIMUM_JERK
@@ -258,10 +258,11 @@ def _act(table: Table, folder: Path, lamp: Lamp, assets: Assets) -> Gesture | Ho
         act = altered(load_gesture(path, lamp), speed, loops)
     else:
         path = assets.named(_beside(table.text("controller"), folder), "sim/lamp/controllers", "controller")
+        goal = table.number("goal", 0.001, _FURTHEST, "m")
         act = Hop(
             load_controller(path, lamp, on_board=True),
-            table.number("goal", 0.001, _FURTHEST, "m"),
-            table.number("duration", 0.5, LONGEST, "s", default=5.0),
+            goal,
+            table.number("duration", 0.5, LONGEST, "s", default=time_for(goal)),
             table.number("goal_time", 0.1, LONGEST, "s", default=None),
         )
         check_goal_time(act.controller, act.goal_time)

@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 import shutil
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import pytest
 from robolamp.assets import Assets
 from robolamp.calibration import load_calibration
 from robolamp.cli.main import main
-from robolamp.lamp import SERVO_MODELS
+from robolamp.lamp import SERVO_MODELS, load_lamp
 
 HELD = 'schema = 1\nname = "held"\norigin = "by hand"\ncontrol_period = 0.02\n\n[joints]\n'
 TASK = ("--population", 4, "--generations", 1, "--set", "duration=0.5", "--set", "cases.count=2")
@@ -42,6 +43,10 @@ def change(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new))
 
 
+def joints_of(folder: Path) -> list[str]:
+    return list(load_lamp(Assets(folder)).names)
+
+
 @pytest.fixture(scope="module")
 def five(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("five") / "lamp"
@@ -64,8 +69,7 @@ def other(request: pytest.FixtureRequest, five: Path, tmp_path: Path) -> Path:
         drop(folder, "yaw")
         change(description, "XL330-M288-T", "XL430-W250-T")
         change(numbers, "supply_voltage = { value = 5.0", "supply_voltage = { value = 12.0")
-    joints = re.findall(r'^name = "(\w+)" +#', description.read_text(), re.MULTILINE)
-    (folder / "held.toml").write_text(HELD + "".join(f'{joint} = "0.15"\n' for joint in joints))
+    (folder / "held.toml").write_text(HELD + "".join(f'{joint} = "0.15"\n' for joint in joints_of(folder)))
     return folder
 
 
@@ -81,9 +85,14 @@ def test_a_controller_that_holds_it_is_run_and_explained(
     assert call(capsys, "compare", said["log"], "-o", tmp_path / "page.html", *own)[1]["verdict"] == "inside"
     _, scored = call(capsys, "score", held, "--goals", 0.1, "--lamps", 2, "--duration", 1, *own)
     assert scored["falls"] == 0
-    _, made = call(capsys, "evolve", "hop", "-o", tmp_path / "made", "--seed-from", held, *TASK, *own)
-    assert len((tmp_path / "made/controller.toml").read_text().split("[joints]")) == 2
-    assert made["generations"] >= 1
+    assert [row["evolved"] for row in call(capsys, "explain", held, *own)[1]["joints"]] == ["0.15"] * len(
+        joints_of(other)
+    )
+    _, drawn = call(capsys, "render", tmp_path / "run/log.mcap", "-o", tmp_path / "run.png", "--twin", *own)
+    assert drawn["travel_m"] == pytest.approx(0.0, abs=0.005)
+    call(capsys, "evolve", "hop", "-o", tmp_path / "made", "--seed-from", held, *TASK, *own)
+    made = tomllib.loads((tmp_path / "made/controller.toml").read_text())
+    assert list(made["joints"]) == joints_of(other)
 
 
 def test_its_numbers_are_the_nominal_ones_and_those_of_other_servos(five: Path) -> None:
@@ -113,11 +122,16 @@ def test_what_drives_three_joints_is_refused_by_name(five: Path, capsys: pytest.
 def test_a_reality_of_another_lamp_says_which_others_there_are(
     five: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    reality = tmp_path / "other.toml"
-    reality.write_text('name = "other"\n[joint.elbow]\nfriction = 1.2\n')
-    code, said = call(capsys, "dry-run", "cycle", "--goal", 0.1, "--lamp", five, "--reality", reality)
-    assert code == 2
-    assert said["error"].endswith("for this lamp: none, random:SEED or a file of its own")
+    own, mine = tmp_path / "lamp", tmp_path / "mine.toml"
+    shutil.copytree(five, own)
+    for path in ("hardware/lamp.toml", "sim/lamp/lamp.xml", "sim/lamp/controllers/cycle.toml"):
+        change(own / path, "knee", "elbow")
+    mine.write_text('name = "mine"\n[joint.knee]\nfriction = 1.2\n')
+    for reality, remedy in (("worn", True), (mine, False)):
+        code, said = call(capsys, "dry-run", "cycle", "--goal", 0.1, "--lamp", own, "--reality", reality)
+        assert code == 2
+        assert "no such joint; expected one of yaw, ankle, elbow, roll, neck" in said["error"]
+        assert said["error"].endswith("for this lamp: none, random:SEED, knob:KIND:SEED or a file of its own") == remedy
 
 
 def test_the_next_commands_are_of_the_same_lamp(five: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

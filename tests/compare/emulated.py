@@ -32,7 +32,7 @@ def hop(
     on_event: Callable[[str, EmulatedLamp], None] | None = None,
     duration: float = 4.0,
 ) -> Path:
-    """Write the log of a run of `hop` on an emulated lamp, and truth.mcap beside it; returns the log.
+    """Write the log of a run of `hop-counting` on an emulated lamp, and truth.mcap beside it; returns the log.
 
     `events` go wrong on the bus, after which the run goes on as with --resume-after-replug; `on_event` hears of the
     loop's events, before the log does, which then holds how the servos were set.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -407,3 +408,13 @@ def test_what_was_to_drive_for_minutes_is_driven_until_it_rests(good, monkeypatc
     assert found[0] == found[1]
     assert found[0].hit
     assert ticks[0] < 2 * RUNS * 15 / 0.02
+
+
+def test_one_that_waits_and_drove_to_its_end_is_driven_as_long(good):
+    run, text = read_run(good), ASSETS.path("sim/lamp/controllers/hop-counting.toml").read_text()
+    late = re.sub(r"terminals = .*\n", "", text)
+    late = late.replace("ground_time", "(ifltz (- t 6.3) (- ground_time 6) ground_time)")  # its first hop is at 6 s
+    late = re.sub(r'"""(.*?)"""', r'"""(ifltz (- t 6) 0 \1)"""', late, flags=re.DOTALL)
+    run = dataclasses.replace(run, context=run.context | {"controller": late, "duration_s": "10"})
+    ending = dataclasses.replace(ending_of(run), drove=10.0)
+    assert alone_of(run, ending, LAMP, CALIBRATION, ASSETS, 0.015).travel == pytest.approx(0.297, abs=0.02)

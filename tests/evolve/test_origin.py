@@ -22,7 +22,7 @@ CYCLE, HOP, LUXO = (
     ("seeds", "made", "origin"),
     [
         ([CYCLE], CYCLE, "by hand"),
-        ([LUXO, CYCLE], HOP, "tuned"),  # the shipped hop is the cycle with other numbers
+        ([LUXO, CYCLE], HOP, "tuned"),  # hop-counting is the cycle with other numbers
         ([replace(CYCLE, origin="")], HOP, "tuned"),  # a file of 0.1.0
         ([HOP], HOP, "tuned"),
         ([CYCLE, HOP], HOP, "tuned"),

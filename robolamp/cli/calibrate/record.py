@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import datetime
 import math
+import shlex
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -135,11 +136,11 @@ def record(
         ]
         print_json({"folder": output, "recordings": recordings, "left": left, "runs": runs, **noted(failures)})
     else:
-        rest = (
-            f"; left: {', '.join(left)}"
-            if left
-            else f"; next: robolamp calibrate {'lamp' if bench is None else 'fit'} {output} -o FILE"
+        own = ["--lamp", str(lamp)] if lamp is not None and bench is None else []
+        again = shlex.join(
+            ["robolamp", "calibrate", "lamp" if bench is None else "fit", str(output), *own, "-o", "FILE"]
         )
+        rest = f"; left: {', '.join(left)}" if left else f"; next: {again}"
         print(f"{counted(len(entries), 'recording')} in {output}{rest}")
     return concluded(0, failures)
 

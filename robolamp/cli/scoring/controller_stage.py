@@ -12,7 +12,7 @@ import numpy as np
 
 from robolamp.assets import bare_name
 from robolamp.cli.options import Setup, goal_range, length
-from robolamp.controller.controller_file import Controller, check_goal_time, load_controller, read_figure
+from robolamp.controller.controller_file import Controller, check_goal_time, load_controller, read_figure, time_for
 from robolamp.controller.program import Program
 from robolamp.controller.terminals import terminals_of
 from robolamp.errors import FileError, RobolampError
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from robolamp.twin.lanes.fleet import Fleet, Job
 
 _GOALS_SEED = 1  # which points LOW:HIGH:COUNT is, unless --seed says otherwise
-_DURATION = 5.0  # of a run of the lamp, unless --duration says otherwise [s]
 
 
 @dataclass(frozen=True)
@@ -55,10 +54,9 @@ class Stage:
         """The controller, compiled for these."""
         return self.controller.compile(self.terminals)
 
-    @property
-    def duration(self) -> float:
-        """Length of a run, unless another is asked for [s]."""
-        return _DURATION if self.task is None else self.task.duration
+    def time(self, jobs: Sequence[Job]) -> float:
+        """Return the length of runs, unless another is asked for [s]."""
+        return time_for(max(job.goal for job in jobs)) if self.task is None else self.task.duration
 
     def fleet(self, workers: int | None = None) -> Fleet:
         """Return what runs it, on so many threads; None: one for each core."""

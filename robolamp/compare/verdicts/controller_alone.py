@@ -36,12 +36,13 @@ Array = NDArray[np.float64]
 STAND = 1.0
 """How long the twin stands in the neutral pose first [s]: as in the fleet that evolves and scores controllers."""
 LONG = 5.0
-"""How long the controller drives where the log does not say, and was cut [s]: what dry-run and deploy take."""
+"""How long the controller drives where the log does not say, and was cut [s]: what dry-run and deploy took
+when logs did not say."""
 RUNS = 5
 """How many of the starts a hair apart it drives from: each takes as long as running the log's controller again."""
 STILL = 5.0
-"""A controller that has sent the same goals for so long, to a lamp at rest, is done [s]: chosen; stops in hops are
-shorter. What was to drive for minutes, and was stopped, is judged within seconds."""
+"""How long after a run was stopped a controller must send the same goals, to a lamp at rest, to be done [s]: chosen.
+What was to drive for minutes is judged within seconds; one that drove to its end drives as long here."""
 _SAME_GOAL = 0.001  # rad
 LONGEST = 600.0
 """The longest that dry-run and deploy let a controller drive [s]: a log that says more was not made by them."""
@@ -130,7 +131,7 @@ def alone_of(run: Run, ending: Ending, lamp: Lamp, calibration: Calibration, ass
         goals, x = np.array([step.goal for step in steps]), lamps.qpos[:, 0]
         if np.abs(goals - held).max() > _SAME_GOAL or np.abs(x - where).max() > REST_MOTION:
             held, where, since = goals, x.copy(), tick
-        still = (tick - since) * period >= STILL
+        still = tick * period >= ending.drove and (tick - since) * period >= STILL
         if still:
             break
         arriving.append((first + line, goals))

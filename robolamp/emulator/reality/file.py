@@ -146,8 +146,8 @@ def load_reality(name: str | Path, lamp: Lamp, assets: Assets) -> Reality:
         if joint not in lamp.names:
             raise joints.fail(
                 joint,
-                f"no such joint; expected one of {', '.join(lamp.names)}; for this "
-                "lamp: none, random:SEED or a file of its own",
+                f"no such joint; expected one of {', '.join(lamp.names)}"
+                + "; for this lamp: none, random:SEED, knob:KIND:SEED or a file of its own" * (path != Path(name)),
             )
     own = [joints.table(joint, default={}) for joint in lamp.names]
     values: dict[str, NDArray[np.float64]] = {}
