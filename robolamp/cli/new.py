@@ -50,9 +50,10 @@ numbers are in calibration/nominal.toml. Controllers have one expression for eac
 take out, from both files in sim/lamp/controllers, and write one for each that you add. Poses of gestures and realities
 name joints, too, but need not name all.
 
-What works on such a lamp: setup, emulate, dry-run, deploy, monitor, evolve, score, explain, render, replay, compare and
-calibrate; gestures and realities that name joints of its own. What does not: robolamp's own controllers, which drive
-three joints (`cycle` here drives five, and `robolamp evolve hop --lamp {name} -o run` begins with it); its odometer
+What works on such a lamp: setup, emulate, dry-run, deploy, monitor, evolve, score, explain, render, replay and compare;
+gestures and realities that name joints of its own; calibrate, where its servos carry the hops that it records (those of
+the emulated `worn` do not: a guard ends the one of 30 cm). What does not: robolamp's own controllers, which drive three
+joints (`cycle` here drives five, and `robolamp evolve hop --lamp {name} -o run` begins with it); its odometer
 (`robolamp odometer fit cycle --lamp {name} -o FILE` learns one; name the file in hardware/lamp.toml); sequences that
 hop by `hop`. There are no parts to print."""
 _OTHER_STEPS = """\
